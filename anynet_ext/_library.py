@@ -1,0 +1,35 @@
+"""Finds and loads the compiled libraries. Importing this module registers `torch.ops.anynet`."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+from typing import Any
+
+import torch
+
+_FOLDER = Path(__file__).parent
+
+
+def _load(name: str) -> ctypes.CDLL:
+    path = _FOLDER / name
+    if not path.exists():
+        raise ImportError(f"{path} is missing: build it with `pip install .` (or `python setup.py build_ext --inplace`)")
+    torch.ops.load_library(path)
+    return ctypes.CDLL(str(path))
+
+
+_C = _load("_C.so")
+for _function in (_C.anynet_isa, _C.anynet_isa_built, _C.anynet_build_config):
+    _function.restype = ctypes.c_char_p
+
+
+def build_info() -> dict[str, Any]:
+    """What was built and what is in use: compiler, instruction sets, threads, CUDA or why not."""
+    return {
+        "config": _C.anynet_build_config().decode(),
+        "instruction_sets": _C.anynet_isa_built().decode().split(),
+        "instruction_set": _C.anynet_isa().decode(),
+        "threads": torch.get_num_threads(),
+        "torch": torch.__version__,
+    }

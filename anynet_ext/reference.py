@@ -1,0 +1,82 @@
+"""Every operator again in plain PyTorch: the oracle of the tests, and readable documentation of the arithmetic.
+
+Same arguments, results, gradients and dtypes as the operators of the same names, at the speed of plain PyTorch. Half
+types are computed in float32 and rounded once.
+"""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+
+def _widen(*tensors: Tensor) -> list[Tensor]:
+    return [t.float() if t.dtype in (torch.float16, torch.bfloat16) else t for t in tensors]
+
+
+def _sample(image: Tensor, x: Tensor) -> Tensor:
+    """`image` [N,C,H,W] at columns `x` [N,1,H,W]: linear between pixels, zero outside, NaN where x is NaN."""
+    n, c, h, w = image.shape
+    if w == 0:
+        return image.new_zeros(n, c, h, x.shape[-1])
+    # Beyond one pixel outside everything is zero, so clamp before the conversion to integers can overflow.
+    inside = x.clamp(-1, w)
+    left = inside.detach().floor()
+    fraction = inside - left
+
+    def column(index: Tensor) -> Tensor:
+        valid = (index >= 0) & (index < w)
+        picked = image.gather(3, index.clamp(0, w - 1).nan_to_num(0).long().expand(n, c, h, x.shape[-1]))
+        return torch.where(valid, picked, 0)
+
+    sampled = (1 - fraction) * column(left) + fraction * column(left + 1)
+    return torch.where(x.isnan(), x, sampled)
+
+
+def warp(image: Tensor, disparity: Tensor) -> Tensor:
+    """out[n,c,y,x] = image[n,c,y, x - disparity[n,0,y,x]]"""
+    wide_image, wide_disparity = _widen(image, disparity)
+    columns = torch.arange(image.shape[-1], dtype=wide_image.dtype, device=image.device)
+    return _sample(wide_image, columns - wide_disparity).to(image.dtype)
+
+
+def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int) -> Tensor:
+    """out[n,k,y,x] = sum_c | left[n,c,y,x] - right[n,c,y, x - disparity[n,0,y,x] - (first + k)] |"""
+    wide_left, wide_right = _widen(left, right)
+    n, _, h, w = left.shape
+    base = wide_left.new_zeros(n, 1, h, w) if disparity is None else _widen(disparity)[0]
+    columns = torch.arange(w, dtype=wide_left.dtype, device=left.device)
+    costs = [
+        (wide_left - _sample(wide_right, columns - base - offset)).abs().sum(1) for offset in range(first, last + 1)
+    ]
+    return torch.stack(costs, 1).to(left.dtype)
+
+
+def soft_argmin(cost: Tensor, first: int) -> Tensor:
+    """out[n,0,y,x] = sum_k (first + k) softmax_k(-cost[n,k,y,x])"""
+    (wide,) = _widen(cost)
+    disparities = torch.arange(first, first + cost.shape[1], dtype=wide.dtype, device=cost.device)
+    return (F.softmax(-wide, 1) * disparities[:, None, None]).sum(1, keepdim=True).to(cost.dtype)
+
+
+def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+    """h[t] = (1 - sum_j g_j) input[t] + sum_j g_j h[t-1 shifted by j]; see `anynet_ext.spatial_propagation`."""
+    if direction in (2, 3):  # scan along rows instead
+        scanned = spatial_propagation(input.transpose(-1, -2), gates.transpose(-1, -2), direction - 2)
+        return scanned.transpose(-1, -2)
+    if direction == 1:
+        return spatial_propagation(input.flip(-1), gates.flip(-1), 0).flip(-1)
+    x, g = _widen(input, gates)
+    if x.shape[-1] == 0:
+        return input.clone()
+    h = x[..., 0]
+    columns = [h]
+    for t in range(1, x.shape[-1]):
+        gate = g[..., t].clone()  # [N,3,C,H]
+        gate[:, 0, :, :1] = 0  # no neighbour above the first row
+        gate[:, 2, :, -1:] = 0  # none below the last
+        above, below = F.pad(h, (1, 0))[..., :-1], F.pad(h, (0, 1))[..., 1:]
+        h = (1 - gate.sum(1)) * x[..., t] + gate[:, 0] * above + gate[:, 1] * h + gate[:, 2] * below
+        columns.append(h)
+    return torch.stack(columns, -1).to(input.dtype)

@@ -1,0 +1,112 @@
+// Vectors of the instruction set that this translation unit is compiled for, and rows read into them.
+// Only files compiled per instruction set may include this: everything here lives in that set's namespace, so the
+// linker can never merge code of one set with another's.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+
+#include "tensor.h"
+
+#define ANYNET_INLINE inline __attribute__((always_inline))
+
+namespace anynet::ANYNET_ISA {
+
+#if defined(__AVX512F__)
+constexpr int vector_bytes = 64;
+#elif defined(__AVX2__)
+constexpr int vector_bytes = 32;
+#else
+constexpr int vector_bytes = 16;
+#endif
+
+template <class A>
+struct Simd;
+template <>
+struct Simd<float> {
+  typedef float vec __attribute__((vector_size(vector_bytes)));
+  typedef int32_t mask __attribute__((vector_size(vector_bytes)));
+};
+template <>
+struct Simd<double> {
+  typedef double vec __attribute__((vector_size(vector_bytes)));
+  typedef int64_t mask __attribute__((vector_size(vector_bytes)));
+};
+template <class A>
+using vec = typename Simd<A>::vec;
+template <class A>
+constexpr int lanes = vector_bytes / sizeof(A);
+
+template <class A>
+ANYNET_INLINE vec<A> load(const A* p) {
+  vec<A> v;
+  std::memcpy(&v, p, sizeof(v));
+  return v;
+}
+template <class A>
+ANYNET_INLINE void store(A* p, vec<A> v) {
+  std::memcpy(p, &v, sizeof(v));
+}
+template <class A>
+ANYNET_INLINE vec<A> splat(A a) {
+  return a - vec<A>{};
+}
+
+ANYNET_INLINE float to_float(float16 h) {
+  _Float16 f;
+  std::memcpy(&f, &h, sizeof(f));
+  return static_cast<float>(f);
+}
+ANYNET_INLINE float to_float(bfloat16 b) {
+  const uint32_t bits = static_cast<uint32_t>(b.bits) << 16;
+  float f;
+  std::memcpy(&f, &bits, sizeof(f));
+  return f;
+}
+ANYNET_INLINE float to_accumulator(float a) { return a; }
+ANYNET_INLINE double to_accumulator(double a) { return a; }
+ANYNET_INLINE float to_accumulator(float16 a) { return to_float(a); }
+ANYNET_INLINE float to_accumulator(bfloat16 a) { return to_float(a); }
+
+/// Rounds to nearest even, as PyTorch does.
+template <class T>
+ANYNET_INLINE T from_accumulator(accumulator_t<T> a) {
+  return a;
+}
+template <>
+ANYNET_INLINE float16 from_accumulator<float16>(float a) {
+  const _Float16 f = static_cast<_Float16>(a);
+  float16 h;
+  std::memcpy(&h, &f, sizeof(h));
+  return h;
+}
+template <>
+ANYNET_INLINE bfloat16 from_accumulator<bfloat16>(float a) {
+  uint32_t bits;
+  std::memcpy(&bits, &a, sizeof(bits));
+  if (a != a) return bfloat16{0x7fc0};
+  bits += 0x7fff + ((bits >> 16) & 1);
+  return bfloat16{static_cast<uint16_t>(bits >> 16)};
+}
+
+/// `count` elements, `stride` apart, as contiguous accumulators: in place where they are that already, else copied
+/// to `scratch`. This is how kernels take every element type and layout with one inner loop.
+template <class T>
+ANYNET_INLINE const accumulator_t<T>* read_row(const T* p, int64_t stride, int64_t count, accumulator_t<T>* scratch) {
+  if constexpr (sizeof(T) == sizeof(accumulator_t<T>)) {
+    if (stride == 1) return p;
+  }
+  if (stride == 1) {
+    for (int64_t i = 0; i < count; ++i) scratch[i] = to_accumulator(p[i]);
+  } else {
+    for (int64_t i = 0; i < count; ++i) scratch[i] = to_accumulator(p[i * stride]);
+  }
+  return scratch;
+}
+
+template <class T>
+ANYNET_INLINE void write_row(const accumulator_t<T>* row, int64_t count, T* p) {
+  for (int64_t i = 0; i < count; ++i) p[i] = from_accumulator<T>(row[i]);
+}
+
+}  // namespace anynet::ANYNET_ISA

@@ -1,0 +1,39 @@
+#include "soft_argmin.h"
+
+#include "../kernels/soft_argmin/soft_argmin.h"
+
+namespace anynet::ops {
+
+Tensor soft_argmin(const Tensor& cost, int64_t first) {
+  check_soft_argmin(cost);
+  Tensor out = empty_like(cost, {cost.size(0), 1, cost.size(2), cost.size(3)});
+  dispatch(cost.scalar_type(), "soft_argmin", [&](auto t) {
+    using T = decltype(t);
+    const SoftArgmin<T> args{view<T>(cost), first, static_cast<T*>(out.mutable_data_ptr())};
+    anynet::soft_argmin(chosen_isa(), args, num_threads());
+  });
+  return out;
+}
+
+Tensor soft_argmin_backward(const Tensor& grad, const Tensor& cost, int64_t first) {
+  check_soft_argmin_backward(grad, cost);
+  Tensor grad_cost = empty_like(cost, {cost.size(0), cost.size(1), cost.size(2), cost.size(3)});
+  dispatch(cost.scalar_type(), "soft_argmin_backward", [&](auto t) {
+    using T = decltype(t);
+    const SoftArgminBackward<T> args{view<T>(grad), view<T>(cost), first, static_cast<T*>(grad_cost.mutable_data_ptr())};
+    anynet::soft_argmin_backward(chosen_isa(), args, num_threads());
+  });
+  return grad_cost;
+}
+
+STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+  m.def("soft_argmin(Tensor cost, int first) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def("soft_argmin_backward(Tensor grad, Tensor cost, int first) -> Tensor", {at::Tag::pt2_compliant_tag});
+}
+
+STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+  m.impl("soft_argmin", TORCH_BOX(&soft_argmin));
+  m.impl("soft_argmin_backward", TORCH_BOX(&soft_argmin_backward));
+}
+
+}  // namespace anynet::ops

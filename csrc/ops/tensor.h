@@ -1,0 +1,77 @@
+// Everything this library needs of PyTorch's stable ABI, in one place: checks, views, dtype dispatch.
+#pragma once
+
+#include <torch/csrc/stable/library.h>
+#include <torch/csrc/stable/ops.h>
+#include <torch/csrc/stable/tensor.h>
+#include <torch/headeronly/core/ScalarType.h>
+
+#include <initializer_list>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+
+#include "../kernels/common/tensor.h"
+
+namespace anynet::ops {
+
+using torch::headeronly::ScalarType;
+using torch::stable::Tensor;
+
+/// "[1, 3, 4]"
+inline std::string shape(const Tensor& t) {
+  std::ostringstream s;
+  s << '[';
+  for (int64_t i = 0; i < t.dim(); ++i) s << (i ? ", " : "") << t.size(i);
+  s << ']';
+  return s.str();
+}
+
+template <class... Parts>
+[[noreturn]] void fail(const Parts&... parts) {
+  std::ostringstream s;
+  (s << ... << parts);
+  throw std::runtime_error(s.str());
+}
+
+/// ANYNET_CHECK(condition, "warp: image must be ..., got ", shape(image))
+#define ANYNET_CHECK(condition, ...) \
+  if (!(condition)) ::anynet::ops::fail(__VA_ARGS__)
+
+/// A 4-D (or Rank-D) strided view of `t`; the caller has checked dim and dtype.
+template <class T, int Rank = 4>
+View<const T, Rank> view(const Tensor& t) {
+  View<const T, Rank> v;
+  v.data = static_cast<const T*>(t.const_data_ptr());
+  for (int i = 0; i < Rank; ++i) {
+    v.size[i] = t.size(i);
+    v.stride[i] = t.stride(i);
+  }
+  return v;
+}
+
+inline Tensor empty_like(const Tensor& like, std::initializer_list<int64_t> sizes) {
+  return torch::stable::new_empty(like, torch::headeronly::IntHeaderOnlyArrayRef(sizes));
+}
+
+inline int num_threads() { return static_cast<int>(torch::stable::get_num_threads()); }
+
+/// Calls body(T{}) with the kernels' element type for `dtype`.
+template <class Body>
+void dispatch(ScalarType dtype, const char* op, const Body& body) {
+  switch (dtype) {
+    case ScalarType::Float:
+      return body(float{});
+    case ScalarType::Double:
+      return body(double{});
+    case ScalarType::Half:
+      return body(float16{});
+    case ScalarType::BFloat16:
+      return body(bfloat16{});
+    default:
+      fail(op, ": expected a tensor of dtype float32, float64, float16 or bfloat16, got ",
+           torch::headeronly::toString(dtype));
+  }
+}
+
+}  // namespace anynet::ops

@@ -1,0 +1,1 @@
+"""AnyNet: stereo depth that can be stopped at any moment."""
