@@ -1,1 +1,29 @@
 """AnyNet: stereo depth that can be stopped at any moment."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from anynet.checkpoint import load_checkpoint, save_checkpoint
+    from anynet.config import AnyNetConfig
+    from anynet.network import AnyNet
+    from anynet.predictor import Estimate, Predictor
+
+__version__ = "0.1.0"
+__all__ = ["AnyNet", "AnyNetConfig", "Estimate", "Predictor", "load_checkpoint", "save_checkpoint"]
+
+_MODULES = {
+    "AnyNet": "network",
+    "AnyNetConfig": "config",
+    "Estimate": "predictor",
+    "Predictor": "predictor",
+    "load_checkpoint": "checkpoint",
+    "save_checkpoint": "checkpoint",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Imports a public name on first use: the command line's help must not wait for torch."""
+    if name not in _MODULES:
+        raise AttributeError(f"module 'anynet' has no attribute {name!r}")
+    return getattr(import_module(f"anynet.{_MODULES[name]}"), name)
