@@ -1,0 +1,72 @@
+"""What an AnyNet is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from anynet.errors import AnyNetError
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnyNetConfig:
+    """The shape of the network; the defaults are the paper's (Table I), with 43,269 parameters.
+
+    The finest features lie at 1/4 of the input's resolution, and each of `blocks` further blocks halves it. There is
+    one stage per resolution, coarsest first, and a last one that refines: `blocks + 2` in all.
+
+    Args:
+        channels: feature channels at full and half resolution; doubled with each halving after that.
+        blocks: U-Net blocks below 1/4 resolution.
+        layers: convolutions per U-Net block.
+        cost_channels: channels of the disparity network, per stage.
+        cost_layers: its convolutions between the first and the last one.
+        ranges: the disparities (first stage) and residuals (later ones) to test, per stage: first and last, in pixels
+            of that stage's resolution.
+        spn_channels: channels of the spatial propagation.
+        spn_directions: its scans: 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top.
+        spn_combine: how the scans' results become one.
+        reversed_residuals: the residual stages test disparity `d - s` where they count it as `d + s`, as the authors'
+            released code and weights do.
+    """
+
+    channels: int = 1
+    blocks: int = 2
+    layers: int = 2
+    cost_channels: tuple[int, ...] = (16, 4, 4)
+    cost_layers: int = 4
+    ranges: tuple[tuple[int, int], ...] = ((0, 11), (-2, 2), (-2, 2))
+    spn_channels: int = 8
+    spn_directions: tuple[int, ...] = (0,)
+    spn_combine: Literal["max", "mean"] = "max"
+    reversed_residuals: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("channels", "blocks", "layers", "spn_channels"):
+            if getattr(self, name) < 1:
+                raise AnyNetError(f"AnyNetConfig: expected {name} >= 1, got {getattr(self, name)}")
+        if self.cost_layers < 0:
+            raise AnyNetError(f"AnyNetConfig: expected cost_layers >= 0, got {self.cost_layers}")
+        for name in ("cost_channels", "ranges"):
+            if len(getattr(self, name)) != self.blocks + 1:
+                raise AnyNetError(
+                    f"AnyNetConfig: expected {name} for each of {self.blocks + 1} stages (blocks + 1), "
+                    f"got {getattr(self, name)}"
+                )
+        if any(first > last for first, last in self.ranges):
+            raise AnyNetError(f"AnyNetConfig: expected ranges (first, last) with first <= last, got {self.ranges}")
+        directions = self.spn_directions
+        if not directions or len(set(directions)) < len(directions) or not set(directions) <= {0, 1, 2, 3}:
+            raise AnyNetError(f"AnyNetConfig: expected spn_directions of distinct 0, 1, 2, 3, got {directions}")
+        if self.spn_combine not in ("max", "mean"):
+            raise AnyNetError(f"AnyNetConfig: expected spn_combine 'max' or 'mean', got {self.spn_combine!r}")
+
+    @property
+    def stages(self) -> int:
+        """The number of estimates: one per resolution and the refined one."""
+        return self.blocks + 2
+
+    @property
+    def stride(self) -> int:
+        """Input pixels per pixel of the coarsest features; the network pads images to multiples of it."""
+        return 4 << self.blocks

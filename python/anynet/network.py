@@ -1,0 +1,181 @@
+"""AnyNet (Wang et al., ICRA 2019, arXiv 1810.11408): stereo depth in stages, each refining the one before."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import islice, pairwise
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from anynet.config import AnyNetConfig
+from anynet.errors import AnyNetError
+from anynet_ext import reference as ops
+
+# Of ImageNet's RGB values in 0..1.
+MEAN = (0.485, 0.456, 0.406)
+STD = (0.229, 0.224, 0.225)
+
+
+def resize(x: Tensor, size: tuple[int, int]) -> Tensor:
+    """Bilinear, pixels being areas (their centres at half-integers)."""
+    return x if x.shape[-2:] == size else F.interpolate(x, size, mode="bilinear", align_corners=False)
+
+
+class Convolution(nn.Module):
+    """3x3 (or 3x3x3, `dims=3`) convolution of few channels with zero padding."""
+
+    def __init__(self, inputs: int, outputs: int, *, dims: int = 2, stride: int = 1, bias: bool = False) -> None:
+        super().__init__()
+        self.stride = stride
+        self.weight = nn.Parameter(torch.empty(outputs, inputs, *[3] * dims))
+        self.bias = nn.Parameter(torch.zeros(outputs)) if bias else None
+        nn.init.normal_(self.weight, std=math.sqrt(2 / (3**dims * outputs)))
+
+    def forward(self, x: Tensor) -> Tensor:
+        convolution = F.conv3d if self.weight.dim() == 5 else F.conv2d
+        return convolution(x, self.weight, self.bias, self.stride, padding=1)
+
+
+class PreActivation(nn.Module):
+    """Batch norm, ReLU, convolution."""
+
+    def __init__(self, inputs: int, outputs: int, *, dims: int = 2, stride: int = 1) -> None:
+        super().__init__()
+        self.norm = nn.BatchNorm3d(inputs) if dims == 3 else nn.BatchNorm2d(inputs)
+        self.conv = Convolution(inputs, outputs, dims=dims, stride=stride)
+
+    def forward(self, x: Tensor) -> Tensor:
+        out: Tensor = self.conv(F.relu(self.norm(x)))
+        return out
+
+
+def chain(channels: list[int], dims: int = 2) -> nn.Sequential:
+    return nn.Sequential(*(PreActivation(i, o, dims=dims) for i, o in pairwise(channels)))
+
+
+class UNet(nn.Module):
+    """Features from coarse to fine (Fig. 2 of the paper); iterating computes no finer level than was asked for."""
+
+    def __init__(self, config: AnyNetConfig) -> None:
+        super().__init__()
+        c = config.channels
+        widths = [c * 2 ** (i + 1) for i in range(config.blocks + 1)]  # at 1/4, 1/8, ...
+        self.first = Convolution(3, c, bias=True)
+        self.halve = PreActivation(c, c, stride=2)
+        self.down = nn.ModuleList(
+            chain([i] + [o] * config.layers) for i, o in zip([c, *widths[:-1]], widths, strict=True)
+        )
+        self.up = nn.ModuleList(  # in order of use, coarse to fine
+            chain([widths[i] + widths[i + 1]] + [widths[i]] * config.layers) for i in reversed(range(config.blocks))
+        )
+
+    def forward(self, image: Tensor) -> Iterator[Tensor]:
+        x = self.halve(self.first(image))
+        skips = []
+        for block in self.down:
+            x = block(F.max_pool2d(x, 2))
+            skips.append(x)
+        yield skips.pop()
+        for block in self.up:
+            skip = skips.pop()
+            x = F.interpolate(x, skip.shape[-2:], mode="bilinear", align_corners=True)
+            x = block(torch.cat([skip, x], 1))
+            yield x
+
+
+class Refinement(nn.Module):
+    """Spatial propagation at 1/4 resolution, steered by the left image (section III-D of the paper)."""
+
+    def __init__(self, config: AnyNetConfig) -> None:
+        super().__init__()
+        c = config.spn_channels
+        self.directions = config.spn_directions
+        self.combine = config.spn_combine
+        self.guidance = nn.ModuleList(
+            Convolution(i, o) for i, o in pairwise([3, 2 * c, 2 * c, 2 * c, 3 * c * len(self.directions)])
+        )
+        self.expand = Convolution(1, c)
+        self.reduce = Convolution(c, 1)
+
+    def gates(self, image: Tensor) -> Tensor:
+        """[N,3,H,W] -> [N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
+        for i, layer in enumerate(self.guidance):
+            image = layer(F.relu(image) if i else image)
+        n, _, h, w = image.shape
+        gates = image.reshape(n, len(self.directions), 3, -1, h, w)
+        normalised: Tensor = gates / (gates.abs().sum(2, keepdim=True) + 1e-8)
+        return normalised
+
+    def forward(self, image: Tensor, disparity: Tensor) -> Tensor:
+        """Both at 1/4 resolution."""
+        x, gates = self.expand(disparity), self.gates(image)
+        scans = torch.stack([ops.spatial_propagation(x, gates[:, i], d) for i, d in enumerate(self.directions)])
+        out: Tensor = self.reduce(scans.amax(0) if self.combine == "max" else scans.mean(0))
+        return out
+
+
+class AnyNet(nn.Module):
+    """Disparity of a rectified pair, as a sequence of ever better estimates.
+
+    The images are [N, 3, H, W] float tensors: RGB in 0..1, minus the ImageNet mean, over its standard deviation
+    (`anynet.network.MEAN`, `STD`); any H and W. An estimate is [N, 1, H, W], in pixels: left pixel (y, x) is
+    right pixel (y, x - d).
+    """
+
+    def __init__(self, config: AnyNetConfig | None = None) -> None:
+        super().__init__()
+        self.config = config or AnyNetConfig()
+        self.features = UNet(self.config)
+        self.cost_nets = nn.ModuleList(
+            chain([1] + [c] * (self.config.cost_layers + 1) + [1], dims=3) for c in self.config.cost_channels
+        )
+        self.refinement = Refinement(self.config)
+
+    def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
+        """The first `stages` estimates (default: all), each [N, 1, H, W]; differentiable."""
+        if stages is not None and not 1 <= stages <= self.config.stages:
+            raise AnyNetError(f"AnyNet: expected stages from 1 to {self.config.stages}, got {stages}")
+        return list(islice(self.stages(left, right), stages))
+
+    def stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
+        """The estimates one by one; each is computed, its part of the U-Net included, when it is asked for.
+
+        Raises:
+            AnyNetError: when the first estimate is asked for, if the images are not of one shape [N, 3, H, W].
+        """
+        if left.shape != right.shape or left.dim() != 4 or left.shape[1] != 3 or 0 in left.shape[2:]:
+            raise AnyNetError(
+                f"AnyNet: expected two images of one shape [N, 3, H, W], got {list(left.shape)} and {list(right.shape)}"
+            )
+        height, width = left.shape[2:]
+        # Padding at the right and the bottom moves no pixel, and the left-to-right scan meets it last.
+        padding = (0, -width % self.config.stride, 0, -height % self.config.stride)
+        left, right = (F.pad(image, padding, mode="replicate") if any(padding) else image for image in (left, right))
+        for estimate in self._padded_stages(left, right):
+            yield estimate[..., :height, :width]
+
+    def _padded_stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
+        height, width = left.shape[2:]
+        estimate: Tensor | None = None
+        for features, cost_net, (first, last) in zip(
+            self.features(torch.cat([left, right])), self.cost_nets, self.config.ranges, strict=True
+        ):
+            l, r = features.chunk(2)
+            small = features.shape[2:]
+            scale = height // small[0]
+            if estimate is None:
+                volume = ops.cost_volume(l, r, None, first, last)
+            elif self.config.reversed_residuals:
+                volume = ops.cost_volume(l, r, resize(estimate, small) / scale, -last, -first).flip(1)
+            else:
+                volume = ops.cost_volume(l, r, resize(estimate, small) / scale, first, last)
+            cost = cost_net(volume[:, None])[:, 0]
+            residual = resize(ops.soft_argmin(cost, first) * scale, (height, width))
+            estimate = residual if estimate is None else estimate + residual
+            yield estimate
+        assert estimate is not None
+        quarter = (height // 4, width // 4)
+        yield resize(self.refinement(resize(left, quarter), resize(estimate, quarter)), (height, width))

@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import pytest
+import torch
+
+from anynet import AnyNet, AnyNetConfig
+from anynet.errors import AnyNetError
+from anynet.network import Convolution
+
+
+@pytest.fixture
+def model() -> AnyNet:
+    torch.manual_seed(0)
+    return AnyNet().eval()
+
+
+def pair(height: int, width: int, batch: int = 1) -> tuple[torch.Tensor, torch.Tensor]:
+    generator = torch.Generator().manual_seed(height * width)
+    return tuple(torch.randn(batch, 3, height, width, generator=generator) for _ in range(2))
+
+
+def test_the_standard_network_has_the_papers_size(model: AnyNet) -> None:
+    assert sum(p.numel() for p in model.parameters()) == 43_269
+    assert model.config.stages == 4
+    assert model.config.stride == 16
+
+
+def test_each_stage_computes_only_its_own_part(model: AnyNet) -> None:
+    """Counts the multiply-adds of convolutions between one estimate and the next."""
+    height, width = 64, 128
+    work = 0
+
+    def count(module: Convolution, inputs: tuple[torch.Tensor], output: torch.Tensor) -> None:
+        nonlocal work
+        work += output.numel() * module.weight[0].numel()
+
+    for module in model.modules():
+        if isinstance(module, Convolution):
+            module.register_forward_hook(count)
+    pixels = height * width
+    at = {scale: pixels // scale**2 for scale in (1, 2, 4, 8, 16)}
+    unet_down = 27 * at[1] + 9 * at[2] + 9 * (2 + 4) * at[4] + 9 * (8 + 16) * at[8] + 9 * (32 + 64) * at[16]
+    expected = [
+        2 * unet_down + 12 * 27 * (16 + 4 * 256 + 16) * at[16],
+        2 * 9 * (48 + 16) * at[8] + 5 * 27 * (4 + 4 * 16 + 4) * at[8],
+        2 * 9 * (12 + 4) * at[4] + 5 * 27 * (4 + 4 * 16 + 4) * at[4],
+        9 * (48 + 256 + 256 + 384 + 8 + 8) * at[4],
+    ]
+    estimates = model.stages(*pair(height, width))
+    assert work == 0
+    for stage in range(4):
+        next(estimates)
+        assert work == expected[stage], f"stage {stage + 1}"
+        work = 0
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (5, 7), (16, 16), (33, 70), (47, 95)])
+def test_any_size_gives_estimates_of_that_size(model: AnyNet, height: int, width: int) -> None:
+    with torch.no_grad():
+        estimates = model(*pair(height, width, batch=2))
+    assert [e.shape for e in estimates] == [(2, 1, height, width)] * 4
+    assert all(e.isfinite().all() for e in estimates)
+
+
+def test_batch_entries_are_independent(model: AnyNet) -> None:
+    left, right = pair(32, 64, batch=3)
+    with torch.no_grad():
+        together = model(left, right)
+        alone = model(left[1:2], right[1:2])
+    for a, b in zip(together, alone, strict=True):
+        torch.testing.assert_close(a[1:2], b, rtol=1e-4, atol=1e-3)
+
+
+def test_padding_reaches_no_further_than_the_receptive_field(model: AnyNet) -> None:
+    """What lies beyond the right and bottom border does not change the estimates far from it."""
+    left, right = pair(370, 500)
+    beyond = [torch.nn.functional.pad(image, (0, 12, 0, 14), value=3.0) for image in (left, right)]  # to 384 x 512
+    with torch.no_grad():
+        for stage, (a, b) in enumerate(zip(model(left, right), model(*beyond), strict=True), start=1):
+            height = 150 if stage < 4 else 50  # the left-to-right scan also carries values up, a row per column
+            torch.testing.assert_close(a[..., :height, :50], b[..., :height, :50], rtol=1e-4, atol=1e-3)
+            assert not torch.equal(a[..., -1, :], b[..., 369, :500])
+
+
+def test_training_reaches_every_parameter() -> None:
+    torch.manual_seed(0)
+    model = AnyNet()
+    estimates = model(*pair(64, 128, batch=2))
+    torch.stack([e.square().mean() for e in estimates]).sum().backward()
+    for name, parameter in model.named_parameters():
+        assert parameter.grad is not None, name
+        assert parameter.grad.isfinite().all(), name
+        assert parameter.grad.abs().max() > 0, name
+
+
+def test_reversed_residuals_are_the_other_direction_of_search() -> None:
+    """With weights that are symmetric along the tested disparities, the two conventions differ only in sign."""
+    torch.manual_seed(0)
+    plain, reverse = AnyNet().eval(), AnyNet(AnyNetConfig(reversed_residuals=True)).eval()
+    for module in plain.cost_nets.modules():
+        if isinstance(module, Convolution):
+            module.weight.data = (module.weight.data + module.weight.data.flip(2)) / 2
+    reverse.load_state_dict(plain.state_dict())
+    with torch.no_grad():
+        first, second = plain(*pair(64, 128), stages=2)
+        _, reversed_second = reverse(*pair(64, 128), stages=2)
+    assert (second - first).abs().max() > 0.1
+    torch.testing.assert_close(reversed_second - first, first - second, rtol=1e-4, atol=1e-3)
+
+
+@pytest.mark.parametrize("combine", ["max", "mean"])
+def test_other_shapes_of_network(combine: str) -> None:
+    config = AnyNetConfig(
+        channels=2,
+        blocks=1,
+        layers=1,
+        cost_channels=(3, 2),
+        cost_layers=0,
+        ranges=((0, 7), (-1, 1)),
+        spn_channels=4,
+        spn_directions=(0, 1, 2, 3),
+        spn_combine=combine,
+    )
+    with torch.no_grad():
+        estimates = AnyNet(config).eval()(*pair(20, 30))
+    assert [e.shape for e in estimates] == [(1, 1, 20, 30)] * 3
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"blocks": 1}, "cost_channels for each of 2 stages"),
+        ({"channels": 0}, "channels >= 1, got 0"),
+        ({"cost_layers": -1}, "cost_layers >= 0, got -1"),
+        ({"ranges": ((0, 11), (2, -2), (-2, 2))}, "first <= last"),
+        ({"spn_directions": (0, 0)}, "distinct"),
+        ({"spn_directions": ()}, "spn_directions"),
+        ({"spn_combine": "sum"}, "'max' or 'mean', got 'sum'"),
+    ],
+)
+def test_impossible_configurations(options: dict[str, object], message: str) -> None:
+    with pytest.raises(AnyNetError, match=message):
+        AnyNetConfig(**options)
+
+
+def test_errors_name_what_came(model: AnyNet) -> None:
+    left, right = pair(16, 16)
+    with pytest.raises(AnyNetError, match=r"stages from 1 to 4, got 5"):
+        model(left, right, stages=5)
+    with pytest.raises(AnyNetError, match=r"\[1, 3, 16, 16\] and \[1, 3, 16, 15\]"):
+        model(left, right[..., :15])
+    with pytest.raises(AnyNetError, match=r"one shape \[N, 3, H, W\]"):
+        model(left[0], right[0])
