@@ -1,9 +1,12 @@
-"""Argument checks shared by the operators' Python functions: TypeError and ValueError with what was expected and got."""
+"""Argument checks shared by the operators' Python functions: what was expected and what came."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
-from torch import Tensor
+from torch import SymInt, Tensor
+from torch.fx.experimental.symbolic_shapes import guard_or_false
 
 DTYPES = (torch.float32, torch.float64, torch.float16, torch.bfloat16)
 
@@ -19,7 +22,25 @@ def tensor(op: str, name: str, value: object, layout: str) -> Tensor:
     return value
 
 
+def matches(op: str, name: str, value: object, shape: Sequence[int | SymInt], first: Tensor) -> Tensor:
+    """Checks that `value` is a tensor of this shape, with the dtype and device of the call's first tensor.
+
+    Sizes that are not known while a graph is traced are left to the operator, which checks again when it runs.
+    """
+    if not isinstance(value, Tensor):
+        raise TypeError(f"{op}: expected {name} to be a Tensor, got {type(value).__name__}")
+    if value.dim() != len(shape) or any(guard_or_false(a != b) for a, b in zip(value.shape, shape, strict=True)):
+        raise ValueError(f"{op}: expected {name} of shape {list(shape)}, got {list(value.shape)}")
+    if value.dtype != first.dtype and not torch.is_autocast_enabled(first.device.type):
+        raise TypeError(f"{op}: expected all tensors of one dtype, got {first.dtype} and, for {name}, {value.dtype}")
+    if value.device != first.device:
+        raise ValueError(
+            f"{op}: expected all tensors on one device, got {first.device} and, for {name}, {value.device}"
+        )
+    return value
+
+
 def integer(op: str, name: str, value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, torch.SymInt)):
+    if isinstance(value, bool) or not isinstance(value, (int, SymInt)):
         raise TypeError(f"{op}: expected {name} to be an int, got {type(value).__name__}")
     return value  # type: ignore[return-value]

@@ -14,8 +14,10 @@ _FOLDER = Path(__file__).parent
 def _load(name: str) -> ctypes.CDLL:
     path = _FOLDER / name
     if not path.exists():
-        raise ImportError(f"{path} is missing: build it with `pip install .` (or `python setup.py build_ext --inplace`)")
-    torch.ops.load_library(path)
+        raise ImportError(
+            f"{path} is missing: build it with `pip install .` (or `python setup.py build_ext --inplace`)"
+        )
+    torch.ops.load_library(path)  # type: ignore[no-untyped-call]
     return ctypes.CDLL(str(path))
 
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.fx.experimental.symbolic_shapes import guard_or_false
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-
-_NAME = "anynet::soft_argmin"
+from anynet_ext._register import register
 
 
 def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
@@ -29,20 +29,19 @@ def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
     """
     _checks.tensor("soft_argmin", "cost", cost, "N, D, H, W")
     _checks.integer("soft_argmin", "first", first)
-    if cost.shape[1] == 0:
+    if guard_or_false(cost.shape[1] == 0):
         raise ValueError(f"soft_argmin: expected cost of shape [N, D, H, W] with D >= 1, got {list(cost.shape)}")
-    return torch.ops.anynet.soft_argmin(cost, first)
+    out: Tensor = torch.ops.anynet.soft_argmin(cost, first)
+    return out
 
 
-@torch.library.register_fake(_NAME)
 def _fake(cost: Tensor, first: int) -> Tensor:
     n, _, h, w = cost.shape
     return cost.new_empty(n, 1, h, w)
 
 
-@torch.library.register_fake(f"{_NAME}_backward")
 def _fake_backward(grad: Tensor, cost: Tensor, first: int) -> Tensor:
-    return torch.empty_like(cost, memory_format=torch.contiguous_format)
+    return cost.new_empty(cost.shape)
 
 
 def _setup_context(ctx: Any, inputs: tuple[Tensor, int], output: Tensor) -> None:
@@ -52,7 +51,8 @@ def _setup_context(ctx: Any, inputs: tuple[Tensor, int], output: Tensor) -> None
 
 def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None]:
     (cost,) = ctx.saved_tensors
-    return torch.ops.anynet.soft_argmin_backward(grad, cost, ctx.first), None
+    grad_cost: Tensor = torch.ops.anynet.soft_argmin_backward(grad, cost, ctx.first)
+    return grad_cost, None
 
 
-torch.library.register_autograd(_NAME, _backward, setup_context=_setup_context)
+register("soft_argmin", fake=_fake, fake_backward=_fake_backward, setup_context=_setup_context, backward=_backward)

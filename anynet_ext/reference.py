@@ -31,7 +31,7 @@ def _sample(image: Tensor, x: Tensor) -> Tensor:
         return torch.where(valid, picked, 0)
 
     sampled = (1 - fraction) * column(left) + fraction * column(left + 1)
-    return torch.where(x.isnan(), x, sampled)
+    return torch.where(x.isnan(), torch.nan, sampled)  # without gradient
 
 
 def warp(image: Tensor, disparity: Tensor) -> Tensor:

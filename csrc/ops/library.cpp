@@ -15,9 +15,7 @@ ANYNET_EXPORT const char* anynet_isa() {
 }
 
 /// Names of the instruction sets built into this library, separated by spaces.
-ANYNET_EXPORT const char* anynet_isa_built() {
-  return "baseline" ANYNET_IF_AVX2(" avx2") ANYNET_IF_AVX512(" avx512");
-}
+ANYNET_EXPORT const char* anynet_isa_built() { return "baseline" ANYNET_IF_AVX2(" avx2") ANYNET_IF_AVX512(" avx512"); }
 
 ANYNET_EXPORT const char* anynet_build_config() { return ANYNET_BUILD_CONFIG; }
 }

@@ -9,7 +9,7 @@ Tensor soft_argmin(const Tensor& cost, int64_t first) {
   Tensor out = empty_like(cost, {cost.size(0), 1, cost.size(2), cost.size(3)});
   dispatch(cost.scalar_type(), "soft_argmin", [&](auto t) {
     using T = decltype(t);
-    const SoftArgmin<T> args{view<T>(cost), first, static_cast<T*>(out.mutable_data_ptr())};
+    const SoftArgmin<T> args{view<T>(cost), first, data<T>(out)};
     anynet::soft_argmin(chosen_isa(), args, num_threads());
   });
   return out;
@@ -17,10 +17,10 @@ Tensor soft_argmin(const Tensor& cost, int64_t first) {
 
 Tensor soft_argmin_backward(const Tensor& grad, const Tensor& cost, int64_t first) {
   check_soft_argmin_backward(grad, cost);
-  Tensor grad_cost = empty_like(cost, {cost.size(0), cost.size(1), cost.size(2), cost.size(3)});
+  Tensor grad_cost = contiguous_like(cost);
   dispatch(cost.scalar_type(), "soft_argmin_backward", [&](auto t) {
     using T = decltype(t);
-    const SoftArgminBackward<T> args{view<T>(grad), view<T>(cost), first, static_cast<T*>(grad_cost.mutable_data_ptr())};
+    const SoftArgminBackward<T> args{view<T>(grad), view<T>(cost), first, data<T>(grad_cost)};
     anynet::soft_argmin_backward(chosen_isa(), args, num_threads());
   });
   return grad_cost;

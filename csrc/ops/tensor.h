@@ -38,6 +38,23 @@ template <class... Parts>
 #define ANYNET_CHECK(condition, ...) \
   if (!(condition)) ::anynet::ops::fail(__VA_ARGS__)
 
+/// Checks that `t` has the given sizes, and the dtype and device of `first`, the call's first tensor.
+inline void check_tensor(const char* op, const char* name, const Tensor& t, std::initializer_list<int64_t> sizes,
+                         const Tensor& first) {
+  bool fits = t.dim() == static_cast<int64_t>(sizes.size());
+  std::string expected;
+  int64_t i = 0;
+  for (int64_t size : sizes) {
+    fits = fits && t.size(i++) == size;
+    expected += (expected.empty() ? "" : ", ") + std::to_string(size);
+  }
+  ANYNET_CHECK(fits, op, ": expected ", name, " of shape [", expected, "], got ", shape(t));
+  ANYNET_CHECK(t.scalar_type() == first.scalar_type(), op, ": expected all tensors of one dtype, got ",
+               torch::headeronly::toString(first.scalar_type()), " and, for ", name, ", ",
+               torch::headeronly::toString(t.scalar_type()));
+  ANYNET_CHECK(t.device() == first.device(), op, ": expected all tensors on one device, but ", name, " is on another");
+}
+
 /// A 4-D (or Rank-D) strided view of `t`; the caller has checked dim and dtype.
 template <class T, int Rank = 4>
 View<const T, Rank> view(const Tensor& t) {
@@ -50,8 +67,17 @@ View<const T, Rank> view(const Tensor& t) {
   return v;
 }
 
+/// An uninitialised contiguous tensor of the dtype and device of `like`.
 inline Tensor empty_like(const Tensor& like, std::initializer_list<int64_t> sizes) {
   return torch::stable::new_empty(like, torch::headeronly::IntHeaderOnlyArrayRef(sizes));
+}
+
+/// The same of the sizes of `like`, whatever its layout.
+inline Tensor contiguous_like(const Tensor& like) { return torch::stable::new_empty(like, like.sizes()); }
+
+template <class T>
+T* data(const Tensor& t) {
+  return static_cast<T*>(t.mutable_data_ptr());
 }
 
 inline int num_threads() { return static_cast<int>(torch::stable::get_num_threads()); }

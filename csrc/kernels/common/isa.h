@@ -31,33 +31,32 @@ Isa chosen_isa();
 #endif
 
 /// Declares `name<T>(args, threads)` in each set's namespace, and `anynet::name<T>(isa, args, threads)` that calls one.
-#define ANYNET_DECLARE_KERNEL(name, Args)                              \
-  namespace baseline {                                                 \
-  template <class T>                                                   \
-  void name(const Args<T>& args, int threads);                         \
-  }                                                                    \
-  ANYNET_IF_AVX2(namespace avx2 {                                      \
-    template <class T>                                                 \
-    void name(const Args<T>& args, int threads);                       \
-  })                                                                   \
-  ANYNET_IF_AVX512(namespace avx512 {                                  \
-    template <class T>                                                 \
-    void name(const Args<T>& args, int threads);                       \
-  })                                                                   \
-  template <class T>                                                   \
-  void name(Isa isa, const Args<T>& args, int threads) {               \
-    switch (isa) {                                                     \
-      ANYNET_IF_AVX512(case Isa::avx512                                \
-                       : return avx512::name<T>(args, threads);)       \
-      ANYNET_IF_AVX2(case Isa::avx2 : return avx2::name<T>(args, threads);) \
-      default:                                                         \
-        return baseline::name<T>(args, threads);                       \
-    }                                                                  \
+#define ANYNET_DECLARE_KERNEL(name, Args)                                         \
+  namespace baseline {                                                            \
+  template <class T>                                                              \
+  void name(const Args<T>& args, int threads);                                    \
+  }                                                                               \
+  ANYNET_IF_AVX2(namespace avx2 {                                                 \
+    template <class T>                                                            \
+    void name(const Args<T>& args, int threads);                                  \
+  })                                                                              \
+  ANYNET_IF_AVX512(namespace avx512 {                                             \
+    template <class T>                                                            \
+    void name(const Args<T>& args, int threads);                                  \
+  })                                                                              \
+  template <class T>                                                              \
+  void name(Isa isa, const Args<T>& args, int threads) {                          \
+    switch (isa) {                                                                \
+      ANYNET_IF_AVX512(case Isa::avx512 : return avx512::name<T>(args, threads);) \
+      ANYNET_IF_AVX2(case Isa::avx2 : return avx2::name<T>(args, threads);)       \
+      default:                                                                    \
+        return baseline::name<T>(args, threads);                                  \
+    }                                                                             \
   }
 
 /// Defines the variants of this translation unit for all element types.
-#define ANYNET_INSTANTIATE_KERNEL(name, Args)                 \
-  template void name<float>(const Args<float>&, int);         \
-  template void name<double>(const Args<double>&, int);       \
-  template void name<float16>(const Args<float16>&, int);     \
+#define ANYNET_INSTANTIATE_KERNEL(name, Args)             \
+  template void name<float>(const Args<float>&, int);     \
+  template void name<double>(const Args<double>&, int);   \
+  template void name<float16>(const Args<float16>&, int); \
   template void name<bfloat16>(const Args<bfloat16>&, int);

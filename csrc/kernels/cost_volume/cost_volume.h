@@ -3,7 +3,8 @@
 //   out[n,k,y,x] = sum_c | left[n,c,y,x] - right[n,c,y,p_k] |,   p_k = x - disparity[n,0,y,x] - (first + k)
 //
 // right is sampled as in warp.h: linear between pixels, 0 outside, NaN where disparity is NaN. Without disparity every
-// p_k is an integer. With g the gradient that arrives for out, s = sign(left - right[p_k]) (0 at 0), i = floor(p_k):
+// p_k is an integer. With g the gradient that arrives for out, s = sign(left - right[p_k]) (0 at 0 and at NaN),
+// i = floor(p_k):
 //
 //   grad_left[n,c,y,x] = sum_k g s
 //   grad_right[n,c,y,j] = -sum over x, k of g s max(0, 1 - |p_k(x) - j|)

@@ -1,9 +1,8 @@
-#include "soft_argmin.h"
-
 #include <cmath>
 
 #include "../common/parallel.h"
 #include "../common/simd.h"
+#include "soft_argmin.h"
 
 namespace anynet::ANYNET_ISA {
 

@@ -20,21 +20,21 @@ namespace anynet {
 
 template <class T>
 struct SpatialPropagation {
-  View4<const T> input;     // [N,C,H,W], any strides
-  View<const T, 5> gates;   // [N,3,C,H,W], any strides
-  int direction;            // 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top
-  T* out;                   // [N,C,H,W], contiguous
+  View4<const T> input;    // [N,C,H,W], any strides
+  View<const T, 5> gates;  // [N,3,C,H,W], any strides
+  int direction;           // 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top
+  T* out;                  // [N,C,H,W], contiguous
 };
 
 template <class T>
 struct SpatialPropagationBackward {
-  View4<const T> grad;      // [N,C,H,W], any strides
-  View4<const T> input;     // [N,C,H,W], any strides
-  View<const T, 5> gates;   // [N,3,C,H,W], any strides
-  View4<const T> out;       // [N,C,H,W], any strides: the forward pass's result
+  View4<const T> grad;     // [N,C,H,W], any strides
+  View4<const T> input;    // [N,C,H,W], any strides
+  View<const T, 5> gates;  // [N,3,C,H,W], any strides
+  View4<const T> out;      // [N,C,H,W], any strides: the forward pass's result
   int direction;
-  T* grad_input;            // [N,C,H,W], contiguous
-  T* grad_gates;            // [N,3,C,H,W], contiguous
+  T* grad_input;  // [N,C,H,W], contiguous
+  T* grad_gates;  // [N,3,C,H,W], contiguous
 };
 
 ANYNET_DECLARE_KERNEL(spatial_propagation, SpatialPropagation)

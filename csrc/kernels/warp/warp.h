@@ -3,7 +3,7 @@
 //   out[n,c,y,x] = image[n,c,y,p],   p = x - disparity[n,0,y,x]
 //
 // Sampling is linear in p: with i = floor(p), f = p - i, image[p] = (1 - f) image[i] + f image[i + 1], where pixels
-// outside the row count as 0. NaN disparity gives NaN. With g the gradient that arrives for out:
+// outside the row count as 0. NaN disparity gives NaN and passes no gradient. With g the gradient that arrives for out:
 //
 //   grad_image[n,c,y,i] = sum over x of g[n,c,y,x] max(0, 1 - |p(x) - i|)
 //   grad_disparity[n,0,y,x] = -sum_c g[n,c,y,x] (image[i + 1] - image[i])     (right-sided where p is an integer)
