@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from anynet.network import AnyNet
     from anynet.predictor import Estimate, Predictor
 
-__version__ = "0.1.0"
 __all__ = ["AnyNet", "AnyNetConfig", "Estimate", "Predictor", "load_checkpoint", "save_checkpoint"]
 
 _MODULES = {

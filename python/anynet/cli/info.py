@@ -1,0 +1,28 @@
+"""`anynet info`: what is installed and in use."""
+
+from __future__ import annotations
+
+import json
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from typing import Annotated, Any
+
+import typer
+
+
+def info(
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object, for machines.")] = False,
+) -> None:
+    """What is installed: build, instruction set, threads, weights."""
+    import anynet_ext
+
+    try:
+        installed = version("anynet")
+    except PackageNotFoundError:
+        installed = "not installed: imported from a source tree"
+    found: dict[str, Any] = {"anynet": installed, "python": platform.python_version(), **anynet_ext.build_info()}
+    if as_json:
+        print(json.dumps(found))
+        return
+    for name, value in found.items():
+        print(f"{name}: {' '.join(map(str, value)) if isinstance(value, list) else value}")

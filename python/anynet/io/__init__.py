@@ -1,0 +1,19 @@
+"""Files: images, disparity maps, depth maps, calibrations and point clouds."""
+
+from anynet.io.calibration import Calibration, read_calibration
+from anynet.io.disparity import read_disparity, write_depth, write_disparity
+from anynet.io.files import write_atomically
+from anynet.io.images import read_image, write_image
+from anynet.io.pointcloud import write_ply
+
+__all__ = [
+    "Calibration",
+    "read_calibration",
+    "read_disparity",
+    "read_image",
+    "write_atomically",
+    "write_depth",
+    "write_disparity",
+    "write_image",
+    "write_ply",
+]

@@ -1,0 +1,36 @@
+"""Point clouds."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from plyfile import PlyData, PlyElement
+
+from anynet.io.files import write_atomically
+
+
+def write_ply(path: str | Path, points: npt.NDArray[np.float32], colours: npt.NDArray[np.uint8]) -> None:
+    """Writes coloured points as a binary PLY, atomically; points with a NaN are left out.
+
+    Args:
+        path: the file.
+        points: float32 [..., 3], metres; x to the right, y down, z forward.
+        colours: uint8 [..., 3], RGB of the same points.
+
+    Raises:
+        AnyNetError: if the file cannot be written.
+    """
+    known = np.isfinite(points).all(axis=-1)
+    fields = [(name, "<f4") for name in "xyz"] + [(name, "u1") for name in ("red", "green", "blue")]
+    vertices = np.empty(np.count_nonzero(known), dtype=fields)
+    for axis, name in enumerate("xyz"):
+        vertices[name] = points[known][:, axis]
+    for channel, name in enumerate(("red", "green", "blue")):
+        vertices[name] = colours[known][:, channel]
+    buffer = io.BytesIO()
+    comments = ["metres; x right, y down, z forward"]
+    PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<", comments=comments).write(buffer)
+    write_atomically(path, buffer.getvalue())
