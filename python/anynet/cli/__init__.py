@@ -21,7 +21,6 @@ from anynet.errors import AnyNetError
 # name: module in this package that has a function of that name, summary
 COMMANDS = {
     "predict": ("predict", "Disparity, depth and point clouds from pairs of images."),
-    "demo": ("demo", "Run all stages on a real pair that comes along, with errors and pictures."),
     "info": ("info", "What is installed: build, instruction set, threads, weights."),
 }
 
