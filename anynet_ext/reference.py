@@ -80,3 +80,28 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
         h = (1 - gate.sum(1)) * x[..., t] + gate[:, 0] * above + gate[:, 1] * h + gate[:, 2] * below
         columns.append(h)
     return torch.stack(columns, -1).to(input.dtype)
+
+
+def conv3x3(
+    input: Tensor,
+    weight: Tensor,
+    bias: Tensor | None = None,
+    *,
+    stride: int = 1,
+    scale: Tensor | None = None,
+    shift: Tensor | None = None,
+    relu_in: bool = False,
+    relu_out: bool = False,
+) -> Tensor:
+    """out = relu_out( bias + weight * relu_in( scale input + shift ) ), padding 1 with zeros after the affine"""
+    channels = (1, -1, *[1] * (input.dim() - 2))
+    if scale is not None and shift is not None:
+        input = input * scale.view(channels) + shift.view(channels)
+    if relu_in:
+        input = input.relu()
+    convolution = F.conv2d if input.dim() == 4 else F.conv3d
+    out = convolution(input, weight, bias, stride, 1)
+    return out.relu() if relu_out else out
+
+
+conv3x3x3 = conv3x3

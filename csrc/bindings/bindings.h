@@ -26,6 +26,7 @@ View<const T, Rank> view(const pybind11::array_t<T>& array) {
   return v;
 }
 
+void bind_conv(pybind11::module_& m);
 void bind_soft_argmin(pybind11::module_& m);
 
 }  // namespace anynet::bindings

@@ -1,0 +1,230 @@
+"""Convolutions of few channels, 3x3 and 3x3x3, with what surrounds them in a stereo network fused in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from anynet_ext import _checks, _library, reference  # noqa: F401  (loads the operators)
+
+CHANNELS = 32
+
+
+def conv3x3(
+    input: Tensor,
+    weight: Tensor,
+    bias: Tensor | None = None,
+    *,
+    stride: int = 1,
+    scale: Tensor | None = None,
+    shift: Tensor | None = None,
+    relu_in: bool = False,
+    relu_out: bool = False,
+) -> Tensor:
+    """A 3x3 convolution with padding 1: `conv(a(input), weight) + bias`, then optionally ReLU.
+
+    `a` is what comes before the convolution: `scale[c] * input[:, c] + shift[c]` if given, then ReLU if `relu_in`. The
+    padding is zero after `a`, as when a batch norm and a ReLU precede the convolution.
+
+    It is for layers whose channels are few and pixels many, where general libraries reach a few per cent of a CPU's
+    arithmetic: pixels lie in the vector registers, in PyTorch's own layout, and nothing is reordered. Prefer PyTorch's
+    (oneDNN's) convolutions for more than 32 channels, for other kernel sizes, and for rows much shorter than a vector
+    (16 pixels). On CUDA tensors this calls PyTorch's own.
+
+    Args:
+        input: [N, C, H, W], float32 or float64, 1 <= C <= 32; made contiguous if it is not.
+        weight: [O, C, 3, 3], 1 <= O <= 32.
+        bias: [O].
+        stride: 1 or 2, along every dimension.
+        scale, shift: [C], both or neither.
+        relu_in, relu_out: ReLU before and after the convolution.
+
+    Returns:
+        [N, O, (H - 1) // stride + 1, (W - 1) // stride + 1]. Differentiable in every tensor; the gradients repeat bit
+        for bit whatever the number of threads. Under autocast it computes in float32.
+
+    Raises:
+        TypeError, ValueError: if an argument has the wrong type, dtype or shape.
+    """
+    _check("conv3x3", 2, input, weight, bias, stride, scale, shift)
+    return torch.ops.anynet.conv3x3(input, weight, bias, scale, shift, stride, relu_in, relu_out)
+
+
+def conv3x3x3(
+    input: Tensor,
+    weight: Tensor,
+    bias: Tensor | None = None,
+    *,
+    stride: int = 1,
+    scale: Tensor | None = None,
+    shift: Tensor | None = None,
+    relu_in: bool = False,
+    relu_out: bool = False,
+) -> Tensor:
+    """`conv3x3` with one dimension more: input [N, C, D, H, W], weight [O, C, 3, 3, 3], padding 1 all round."""
+    _check("conv3x3x3", 3, input, weight, bias, stride, scale, shift)
+    return torch.ops.anynet.conv3x3x3(input, weight, bias, scale, shift, stride, relu_in, relu_out)
+
+
+def _check(
+    op: str,
+    dimensions: int,
+    input: Tensor,
+    weight: Tensor,
+    bias: Tensor | None,
+    stride: int,
+    scale: Tensor | None,
+    shift: Tensor | None,
+) -> None:
+    layout = "N, C, H, W" if dimensions == 2 else "N, C, D, H, W"
+    kernel = ", 3" * dimensions
+    _checks.tensor(op, "input", input, layout)
+    _checks.tensor(op, "weight", weight, f"O, C{kernel}")
+    in_channels, out_channels = input.shape[1], weight.shape[0]
+    if not 1 <= in_channels <= CHANNELS or 0 in input.shape[2:]:
+        raise ValueError(
+            f"{op}: expected input of shape [{layout}] with C in 1..{CHANNELS} and at least one pixel, "
+            f"got {list(input.shape)}"
+        )
+    if tuple(weight.shape[1:]) != (in_channels, *[3] * dimensions) or not 1 <= out_channels <= CHANNELS:
+        raise ValueError(
+            f"{op}: expected weight of shape [O, {in_channels}{kernel}] with O in 1..{CHANNELS}, "
+            f"got {list(weight.shape)}"
+        )
+    for name, vector, channels in (
+        ("bias", bias, out_channels),
+        ("scale", scale, in_channels),
+        ("shift", shift, in_channels),
+    ):
+        if vector is not None:
+            _checks.tensor(op, name, vector, "C")
+            if vector.shape[0] != channels:
+                raise ValueError(f"{op}: expected {name} of shape [{channels}], got {list(vector.shape)}")
+    if (scale is None) != (shift is None):
+        raise ValueError(f"{op}: expected both or neither of scale and shift")
+    _checks.integer(op, "stride", stride)
+    if stride not in (1, 2):
+        raise ValueError(f"{op}: expected stride 1 or 2, got {stride}")
+    if not torch.is_autocast_enabled(input.device.type):
+        dtypes = {t.dtype for t in (input, weight, bias, scale, shift) if t is not None}
+        if len(dtypes) > 1 or not dtypes <= {torch.float32, torch.float64}:
+            raise TypeError(
+                f"{op}: expected tensors of one dtype, float32 or float64, got "
+                f"{', '.join(sorted(str(dtype) for dtype in dtypes))}"
+            )
+
+
+def _register(name: str, dimensions: int) -> None:
+    """Fake, CUDA, autograd and autocast of one of the two operators; they differ in dimensions only."""
+    op = f"anynet::{name}"
+    backward_input = getattr(torch.ops.anynet, f"{name}_backward_input")
+    backward_weight = getattr(torch.ops.anynet, f"{name}_backward_weight")
+    channels_last = (1, -1, *[1] * dimensions)  # shape of a per-channel vector that multiplies a tensor
+
+    @torch.library.register_fake(op)
+    def _fake(
+        input: Tensor,
+        weight: Tensor,
+        bias: Tensor | None,
+        scale: Tensor | None,
+        shift: Tensor | None,
+        stride: int,
+        relu_in: bool,
+        relu_out: bool,
+    ) -> Tensor:
+        sizes = [(size - 1) // stride + 1 for size in input.shape[2:]]
+        return input.new_empty(input.shape[0], weight.shape[0], *sizes)
+
+    @torch.library.register_fake(f"{op}_backward_input")
+    def _fake_backward_input(grad: Tensor, weight: Tensor, input_size: list[int], stride: int) -> Tensor:
+        return grad.new_empty(input_size)
+
+    @torch.library.register_fake(f"{op}_backward_weight")
+    def _fake_backward_weight(grad: Tensor, input: Tensor, stride: int) -> tuple[Tensor, Tensor]:
+        return grad.new_empty(grad.shape[1], input.shape[1], *[3] * dimensions), grad.new_empty(grad.shape[1])
+
+    @torch.library.impl(op, "CUDA")
+    def _cuda(
+        input: Tensor,
+        weight: Tensor,
+        bias: Tensor | None,
+        scale: Tensor | None,
+        shift: Tensor | None,
+        stride: int,
+        relu_in: bool,
+        relu_out: bool,
+    ) -> Tensor:
+        function = reference.conv3x3 if dimensions == 2 else reference.conv3x3x3
+        return function(
+            input, weight, bias, stride=stride, scale=scale, shift=shift, relu_in=relu_in, relu_out=relu_out
+        ).contiguous()
+
+    def _convolution_backward(
+        grad: Tensor, input: Tensor, weight: Tensor, stride: int, mask: list[bool]
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        ones, zeros = [1] * dimensions, [0] * dimensions
+        return torch.ops.aten.convolution_backward(
+            grad, input, weight, [grad.shape[1]], [stride] * dimensions, ones, ones, False, zeros, 1, mask
+        )
+
+    @torch.library.impl(f"{op}_backward_input", "CUDA")
+    def _cuda_backward_input(grad: Tensor, weight: Tensor, input_size: list[int], stride: int) -> Tensor:
+        input = grad.new_empty(1).expand(input_size)  # only its shape counts
+        return _convolution_backward(grad, input, weight, stride, [True, False, False])[0].contiguous()
+
+    @torch.library.impl(f"{op}_backward_weight", "CUDA")
+    def _cuda_backward_weight(grad: Tensor, input: Tensor, stride: int) -> tuple[Tensor, Tensor]:
+        weight = grad.new_empty(1).expand(grad.shape[1], input.shape[1], *[3] * dimensions)
+        _, grad_weight, grad_bias = _convolution_backward(grad, input, weight, stride, [False, True, True])
+        return grad_weight.contiguous(), grad_bias
+
+    def _setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
+        input, weight, _bias, scale, shift, ctx.stride, ctx.relu_in, ctx.relu_out = inputs
+        ctx.save_for_backward(input, weight, scale, shift, output if ctx.relu_out else None)
+
+    def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
+        input, weight, scale, shift, output = ctx.saved_tensors
+        needs = ctx.needs_input_grad
+        if output is not None:
+            grad = grad * (output > 0)
+        activated = input
+        if scale is not None:
+            activated = activated * scale.view(channels_last) + shift.view(channels_last)
+        if ctx.relu_in:
+            activated = activated.relu()
+        grad_input = grad_weight = grad_bias = grad_scale = grad_shift = None
+        if needs[1] or needs[2]:
+            grad_weight, grad_bias = backward_weight(grad, activated, ctx.stride)
+        if needs[0] or needs[3] or needs[4]:
+            grad_input = backward_input(grad, weight, input.shape, ctx.stride)
+            if ctx.relu_in:
+                grad_input = grad_input * (activated > 0)
+            if scale is not None:
+                pixels = [0, *range(2, input.dim())]
+                grad_scale, grad_shift = (grad_input * input).sum(pixels), grad_input.sum(pixels)
+                grad_input = grad_input * scale.view(channels_last)
+        return (
+            grad_input,
+            grad_weight,
+            grad_bias if needs[2] else None,
+            grad_scale,
+            grad_shift,
+            None,
+            None,
+            None,
+        )
+
+    def _backward_twice(ctx: Any, *grads: Tensor) -> None:
+        raise RuntimeError(f"{name}: second derivatives are not implemented")
+
+    torch.library.register_autograd(op, _backward, setup_context=_setup_context)
+    torch.library.register_autograd(f"{op}_backward_input", _backward_twice)
+    torch.library.register_autograd(f"{op}_backward_weight", _backward_twice)
+    for device in ("cpu", "cuda"):
+        torch.library.register_autocast(op, device, torch.float32)
+
+
+_register("conv3x3", 2)
+_register("conv3x3x3", 3)
