@@ -8,14 +8,16 @@ if TYPE_CHECKING:
     from anynet.config import AnyNetConfig
     from anynet.network import AnyNet
     from anynet.predictor import Estimate, Predictor
+    from anynet.worker import Worker
 
-__all__ = ["AnyNet", "AnyNetConfig", "Estimate", "Predictor", "load_checkpoint", "save_checkpoint"]
+__all__ = ["AnyNet", "AnyNetConfig", "Estimate", "Predictor", "Worker", "load_checkpoint", "save_checkpoint"]
 
 _MODULES = {
     "AnyNet": "network",
     "AnyNetConfig": "config",
     "Estimate": "predictor",
     "Predictor": "predictor",
+    "Worker": "worker",
     "load_checkpoint": "checkpoint",
     "save_checkpoint": "checkpoint",
 }

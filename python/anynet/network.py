@@ -163,15 +163,15 @@ class AnyNet(nn.Module):
         for features, cost_net, (first, last) in zip(
             self.features(torch.cat([left, right])), self.cost_nets, self.config.ranges, strict=True
         ):
-            l, r = features.chunk(2)
+            of_left, of_right = features.chunk(2)
             small = features.shape[2:]
             scale = height // small[0]
             if estimate is None:
-                volume = ops.cost_volume(l, r, None, first, last)
+                volume = ops.cost_volume(of_left, of_right, None, first, last)
             elif self.config.reversed_residuals:
-                volume = ops.cost_volume(l, r, resize(estimate, small) / scale, -last, -first).flip(1)
+                volume = ops.cost_volume(of_left, of_right, resize(estimate, small) / scale, -last, -first).flip(1)
             else:
-                volume = ops.cost_volume(l, r, resize(estimate, small) / scale, first, last)
+                volume = ops.cost_volume(of_left, of_right, resize(estimate, small) / scale, first, last)
             cost = cost_net(volume[:, None])[:, 0]
             residual = resize(ops.soft_argmin(cost, first) * scale, (height, width))
             estimate = residual if estimate is None else estimate + residual

@@ -1,0 +1,219 @@
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import pytest
+import torch
+
+from anynet import AnyNet, Estimate, Predictor, load_checkpoint, save_checkpoint
+from anynet import predictor as predictor_module
+from anynet.errors import AnyNetError
+from anynet.network import MEAN, STD
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("weights") / "random.safetensors"
+    save_checkpoint(path, AnyNet())
+    return path
+
+
+@pytest.fixture(scope="module")
+def predictor(weights: Path) -> Predictor:
+    return Predictor(weights)
+
+
+def pair(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Texture, shifted by 4 pixels."""
+    image = np.random.default_rng(height * width).integers(0, 256, (height, width + 4, 3), dtype=np.uint8)
+    return image[:, :-4].copy(), image[:, 4:].copy()
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (37, 61), (64, 128)])
+def test_stages_are_the_networks(predictor: Predictor, weights: Path, height: int, width: int) -> None:
+    left, right = pair(height, width)
+    tensors = [torch.from_numpy((image / 255 - MEAN) / STD).permute(2, 0, 1)[None].float() for image in (left, right)]
+    with torch.no_grad():
+        expected = load_checkpoint(weights)(*tensors)
+    estimates = list(predictor.stages(left, right))
+    assert [e.stage for e in estimates] == [1, 2, 3, 4]
+    for estimate, disparity in zip(estimates, expected, strict=True):
+        assert estimate.disparity.dtype == np.float32
+        np.testing.assert_allclose(estimate.disparity, disparity[0, 0].numpy(), atol=0.01)
+        alone = predictor.predict(left, right, stage=estimate.stage)
+        assert alone.stage == estimate.stage
+        np.testing.assert_array_equal(alone.disparity, estimate.disparity)
+    assert [e.elapsed_ms for e in estimates] == sorted(e.elapsed_ms for e in estimates)
+
+
+def test_results_belong_to_the_caller(predictor: Predictor) -> None:
+    left, right = pair(32, 48)
+    before = [left.copy(), right.copy()]
+    first = predictor.predict(left, right).disparity
+    kept = first.copy()
+    predictor.predict(right, left)
+    np.testing.assert_array_equal(first, kept)
+    first[:] = 0  # writable
+    np.testing.assert_array_equal(left, before[0])
+    np.testing.assert_array_equal(right, before[1])
+
+
+def test_any_layout_of_array(predictor: Predictor) -> None:
+    left, right = pair(32, 48)
+    expected = predictor.predict(left, right).disparity
+    frozen = left.copy()
+    frozen.flags.writeable = False
+    mirrored = left[:, ::-1].copy()[:, ::-1]
+    wider = np.concatenate([left, left], 1)[:, :48]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for image in (frozen, mirrored, wider, np.asfortranarray(left)):
+            np.testing.assert_array_equal(predictor.predict(image, right).disparity, expected)
+
+
+class Clockwork:
+    """A graph whose stages take a given time, on a clock of its own."""
+
+    def __init__(self, seconds: list[float]) -> None:
+        self.seconds = seconds
+        self.now = 0.0
+
+    def stages(self, left: torch.Tensor, right: torch.Tensor) -> Iterator[object]:
+        for seconds in self.seconds:
+            self.now += seconds
+            yield lambda: torch.zeros(left.shape[:2])
+
+
+@pytest.fixture
+def clockwork(weights: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Predictor, Clockwork]:
+    predictor, clock = Predictor(weights), Clockwork([0.005, 0.002, 0.004, 0.003])
+    monkeypatch.setattr(predictor, "_graph", clock)
+    monkeypatch.setattr(predictor_module, "perf_counter", lambda: clock.now)
+    return predictor, clock
+
+
+def test_a_budget_decides_the_stage(clockwork: tuple[Predictor, Clockwork]) -> None:
+    predictor, _ = clockwork
+    images = pair(16, 16)
+    assert predictor.predict(*images).stage == 4  # learns
+    stages = {
+        budget: predictor.predict(*images, budget_ms=budget).stage for budget in (0, 4, 6.9, 7.1, 10.9, 11.1, 14.1)
+    }
+    assert stages == {0: 1, 4: 1, 6.9: 1, 7.1: 2, 10.9: 2, 11.1: 3, 14.1: 4}
+    assert predictor.predict(*images, budget_ms=100, stage=2).stage == 2
+    assert predictor.predict(*images, budget_ms=14.1).elapsed_ms == pytest.approx(14)
+
+
+def test_the_first_frame_of_a_size_keeps_its_budget_too(clockwork: tuple[Predictor, Clockwork]) -> None:
+    predictor, _ = clockwork
+    assert predictor.predict(*pair(16, 16), budget_ms=9).stage == 1  # a stage unknown may take as long as all before
+    assert predictor.predict(*pair(16, 32), budget_ms=11).stage == 2
+    assert predictor.predict(*pair(16, 48), budget_ms=40).stage == 4
+
+
+def test_the_table_is_kept_current(clockwork: tuple[Predictor, Clockwork]) -> None:
+    predictor, clock = clockwork
+    images = pair(16, 16)
+    predictor.predict(*images)
+    assert predictor.predict(*images, budget_ms=15).stage == 4
+    clock.seconds[2] = 0.010  # the machine became slower
+    late = [predictor.predict(*images, budget_ms=15).elapsed_ms > 15 for _ in range(300)]
+    assert sum(late[:10]) <= 2
+    assert sum(late[10:]) <= 3
+    clock.seconds[2] = 0.004  # and faster again
+    stages = [predictor.predict(*images, budget_ms=15).stage for _ in range(200)]
+    assert stages[-50:] == [4] * 50
+
+
+def test_one_slow_frame_is_forgotten(clockwork: tuple[Predictor, Clockwork]) -> None:
+    predictor, clock = clockwork
+    images = pair(16, 16)
+    for _ in range(5):
+        predictor.predict(*images)
+    clock.seconds[3] = 0.5
+    predictor.predict(*images)
+    clock.seconds[3] = 0.003
+    assert predictor.predict(*images, budget_ms=15).stage == 4
+
+
+def test_threads_are_used_and_given_back(weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    predictor = Predictor(weights, threads=3)
+    real = predictor._graph.stages
+
+    def spy(*images: torch.Tensor) -> Iterator[object]:
+        seen.append(torch.get_num_threads())
+        return real(*images)
+
+    monkeypatch.setattr(predictor._graph, "stages", spy)
+    before = torch.get_num_threads()
+    predictor.predict(*pair(16, 16))
+    assert seen == [3]
+    assert torch.get_num_threads() == before
+
+
+def test_a_forked_child_computes(predictor: Predictor) -> None:
+    images = pair(32, 48)
+    expected = predictor.predict(*images).disparity
+    child = os.fork()
+    if child == 0:
+        signal.alarm(20)  # OpenMP would hang
+        same = np.allclose(predictor.predict(*images).disparity, expected, atol=1e-3)
+        os._exit(0 if same else 1)
+    assert os.waitpid(child, 0)[1] == 0
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow(predictor: Predictor) -> None:
+    images = [pair(48, 64), pair(50, 70)]
+    for i in range(500):
+        predictor.predict(*images[i % 2])
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    start = perf_counter()
+    for i in range(10_000):
+        predictor.predict(*images[i % 2])
+        if perf_counter() - start > 300:
+            pytest.fail(f"only {i} frames in 300 s")
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2048  # KiB
+
+
+@pytest.mark.parametrize(
+    ("left", "message"),
+    [
+        ("image.png", "expected left as uint8 RGB array .* got str"),
+        (np.zeros((16, 16), np.uint8), r"got uint8 \[16, 16\]"),
+        (np.zeros((16, 16, 4), np.uint8), r"got uint8 \[16, 16, 4\]"),
+        (np.zeros((16, 16, 3), np.uint16), r"got uint16 \[16, 16, 3\]"),
+        (np.zeros((16, 15, 3), np.uint8), r"one size, got \[16, 15, 3\] and \[16, 16, 3\]"),
+    ],
+)
+def test_wrong_images(predictor: Predictor, left: object, message: str) -> None:
+    right = np.zeros((16, 16, 3), np.uint8)
+    with pytest.raises(AnyNetError, match=message):
+        predictor.predict(left, right)
+    with pytest.raises(AnyNetError, match=message):
+        next(predictor.stages(left, right))
+
+
+def test_other_wrong_arguments(predictor: Predictor, weights: Path) -> None:
+    images = pair(16, 16)
+    with pytest.raises(AnyNetError, match="stage from 1 to 4, got 0"):
+        predictor.predict(*images, stage=0)
+    with pytest.raises(AnyNetError, match="budget_ms >= 0, got -1"):
+        predictor.predict(*images, budget_ms=-1)
+    with pytest.raises(AnyNetError, match="budget_ms >= 0, got nan"):
+        predictor.predict(*images, budget_ms=float("nan"))
+    with pytest.raises(AnyNetError, match="threads >= 1, got 0"):
+        Predictor(weights, threads=0)
+    empty = np.zeros((0, 16, 3), np.uint8)
+    with pytest.raises(AnyNetError, match="one size"):
+        predictor.predict(empty, empty)
+    assert isinstance(predictor.predict(*images), Estimate)
