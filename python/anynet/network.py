@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet_ext import reference as ops
+from anynet_ext import conv3x3, conv3x3x3, cost_volume, soft_argmin, spatial_propagation
 
 # Of ImageNet's RGB values in 0..1.
 MEAN = (0.485, 0.456, 0.406)
@@ -25,7 +25,7 @@ def resize(x: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 class Convolution(nn.Module):
-    """3x3 (or 3x3x3, `dims=3`) convolution of few channels with zero padding."""
+    """3x3 (or 3x3x3, `dims=3`) convolution with zero padding."""
 
     def __init__(self, inputs: int, outputs: int, *, dims: int = 2, stride: int = 1, bias: bool = False) -> None:
         super().__init__()
@@ -34,9 +34,12 @@ class Convolution(nn.Module):
         self.bias = nn.Parameter(torch.zeros(outputs)) if bias else None
         nn.init.normal_(self.weight, std=math.sqrt(2 / (3**dims * outputs)))
 
-    def forward(self, x: Tensor) -> Tensor:
-        convolution = F.conv3d if self.weight.dim() == 5 else F.conv2d
-        return convolution(x, self.weight, self.bias, self.stride, padding=1)
+    def forward(self, x: Tensor, relu_in: bool = False) -> Tensor:
+        volume = self.weight.dim() == 5
+        if max(self.weight.shape[:2]) > 32:  # more than our own operators are for
+            convolution = F.conv3d if volume else F.conv2d
+            return convolution(F.relu(x) if relu_in else x, self.weight, self.bias, self.stride, padding=1)
+        return (conv3x3x3 if volume else conv3x3)(x, self.weight, self.bias, stride=self.stride, relu_in=relu_in)
 
 
 class PreActivation(nn.Module):
@@ -48,7 +51,7 @@ class PreActivation(nn.Module):
         self.conv = Convolution(inputs, outputs, dims=dims, stride=stride)
 
     def forward(self, x: Tensor) -> Tensor:
-        out: Tensor = self.conv(F.relu(self.norm(x)))
+        out: Tensor = self.conv(self.norm(x), relu_in=True)
         return out
 
 
@@ -103,7 +106,7 @@ class Refinement(nn.Module):
     def gates(self, image: Tensor) -> Tensor:
         """[N,3,H,W] -> [N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
         for i, layer in enumerate(self.guidance):
-            image = layer(F.relu(image) if i else image)
+            image = layer(image, relu_in=i > 0)
         n, _, h, w = image.shape
         gates = image.reshape(n, len(self.directions), 3, -1, h, w)
         normalised: Tensor = gates / (gates.abs().sum(2, keepdim=True) + 1e-8)
@@ -112,7 +115,7 @@ class Refinement(nn.Module):
     def forward(self, image: Tensor, disparity: Tensor) -> Tensor:
         """Both at 1/4 resolution."""
         x, gates = self.expand(disparity), self.gates(image)
-        scans = torch.stack([ops.spatial_propagation(x, gates[:, i], d) for i, d in enumerate(self.directions)])
+        scans = torch.stack([spatial_propagation(x, gates[:, i], d) for i, d in enumerate(self.directions)])
         out: Tensor = self.reduce(scans.amax(0) if self.combine == "max" else scans.mean(0))
         return out
 
@@ -167,13 +170,13 @@ class AnyNet(nn.Module):
             small = features.shape[2:]
             scale = height // small[0]
             if estimate is None:
-                volume = ops.cost_volume(of_left, of_right, None, first, last)
+                volume = cost_volume(of_left, of_right, None, first, last)
             elif self.config.reversed_residuals:
-                volume = ops.cost_volume(of_left, of_right, resize(estimate, small) / scale, -last, -first).flip(1)
+                volume = cost_volume(of_left, of_right, resize(estimate, small) / scale, -last, -first).flip(1)
             else:
-                volume = ops.cost_volume(of_left, of_right, resize(estimate, small) / scale, first, last)
+                volume = cost_volume(of_left, of_right, resize(estimate, small) / scale, first, last)
             cost = cost_net(volume[:, None])[:, 0]
-            residual = resize(ops.soft_argmin(cost, first) * scale, (height, width))
+            residual = resize(soft_argmin(cost, first) * scale, (height, width))
             estimate = residual if estimate is None else estimate + residual
             yield estimate
         assert estimate is not None
