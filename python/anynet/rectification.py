@@ -45,7 +45,7 @@ def check_rectified(left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8]) -
 def _match_offsets(left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
     """Right minus left position (x, y) of matched corners in pixels, [M, 2]."""
     scale = min(1.0, _LONG_SIDE / max(left.shape[:2]))
-    orb = cv2.ORB_create(nfeatures=1000, fastThreshold=10)
+    orb = cv2.ORB.create(nfeatures=1000, fastThreshold=10)
     keypoints, descriptors = [], []
     for image in (left, right):
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -64,4 +64,5 @@ def _match_offsets(left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8]) ->
     if not pairs:
         return np.empty((0, 2))
     query, train = np.array(pairs).T
-    return (keypoints[1][train] - keypoints[0][query]) / scale
+    offset: npt.NDArray[np.float64] = keypoints[1][train] - keypoints[0][query]
+    return offset / scale

@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from anynet.cli.pairs import Pair, find_pairs
 from anynet.errors import AnyNetError
+from anynet.io.files import make_folder
 
 if TYPE_CHECKING:
     from anynet import Estimate, Predictor
@@ -53,14 +54,14 @@ def predict(
             help="The right image or images: of the same file names in the other folder, or in the same sorted order."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the results; made if missing.", file_okay=False)],
+    out: Annotated[Path, typer.Option(help="Folder for the results; made if missing.")],
     weights: Annotated[
         str, typer.Option(help="A packaged name, or a path: our .safetensors, an official .tar.")
     ] = "default",
     budget_ms: Annotated[
         float | None, typer.Option(min=0, help="Stop after the last stage that fits into this time.")
     ] = None,
-    stage: Annotated[int | None, typer.Option(min=1, max=4, help="Stop after this stage.")] = None,
+    stage: Annotated[int | None, typer.Option(min=1, help="Stop after this stage.")] = None,
     format: Annotated[Format, typer.Option(help="Disparity files: 16-bit PNG as KITTI's, PFM, or NumPy.")] = Format.png,
     all_stages: Annotated[bool, typer.Option("--all-stages", help="Write the earlier stages too.")] = False,
     calib: Annotated[
@@ -76,13 +77,15 @@ def predict(
         ),
     ] = None,
     baseline: Annotated[float | None, typer.Option(help="Distance between the cameras, metres.")] = None,
-    cx: Annotated[float | None, typer.Option(help="Principal point, pixels.  [default: the centre]")] = None,
-    cy: Annotated[float | None, typer.Option(help="Principal point, pixels.  [default: the centre]")] = None,
+    cx: Annotated[float | None, typer.Option(help="Principal point, pixels.", show_default="the centre")] = None,
+    cy: Annotated[float | None, typer.Option(help="Principal point, pixels.", show_default="the centre")] = None,
     doffs: Annotated[
-        float | None, typer.Option(help="cx of the right camera minus cx of the left.  [default: 0]")
+        float | None, typer.Option(help="cx of the right camera minus cx of the left.", show_default="0")
     ] = None,
-    max_depth: Annotated[float, typer.Option(help="Leave farther points (metres) out of the cloud.")] = float("inf"),
-    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.  [default: torch's]")] = None,
+    max_depth: Annotated[
+        float, typer.Option(help="Leave farther points (metres) out of the cloud.", show_default="none")
+    ] = float("inf"),
+    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     check: Annotated[
         bool, typer.Option(" /--no-check", help="Don't look whether a pair is unrectified or swapped.")
     ] = True,
@@ -103,14 +106,13 @@ def predict(
     request = Request(out, format, budget_ms, stage, all_stages, check, calibration, max_depth)
     for path in alone:
         print(f"anynet: {path}: no image of this name in the other folder", file=sys.stderr)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise AnyNetError(f"cannot make the folder {out}: {error.strerror}") from error
+    make_folder(out)
 
     from anynet import Predictor  # takes seconds, so after the cheap checks
 
     predictor = Predictor(weights=weights, threads=threads)
+    if stage is not None and stage > predictor.config.stages:
+        raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
     failed = 0
     for pair in _progress(pairs):
         try:
@@ -133,20 +135,15 @@ def predict(
 
 def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, Any]:
     """Computes and writes everything for one pair; returns what `--json` prints."""
-    from anynet.io import read_image, write_depth, write_disparity, write_image, write_ply
+    from anynet.io import read_pair, write_depth, write_disparity, write_image, write_ply
     from anynet.rectification import check_rectified
     from anynet.visualize import limits_of, picture_of
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        left, right = read_image(pair.left), read_image(pair.right)
+        left, right = read_pair(pair.left, pair.right)
     findings = [str(warning.message) for warning in caught]
     height, width = left.shape[:2]
-    if left.shape != right.shape:
-        raise AnyNetError(
-            f"expected two images of one size, got {width} x {height} ({pair.left}) and "
-            f"{right.shape[1]} x {right.shape[0]} ({pair.right})"
-        )
     calibration = request.calibration
     if calibration is not None and calibration.size and calibration.size != (width, height):
         expected = " x ".join(map(str, calibration.size))
@@ -197,7 +194,7 @@ def _estimates(predictor: Predictor, left: Any, right: Any, request: Request) ->
     return estimates
 
 
-def _calibration(file: Path | None, numbers: dict[str, float]) -> Calibration | None:
+def _calibration(file: Path | None, numbers: dict[str, Any]) -> Calibration | None:
     """From a file, from numbers, or from both."""
     from anynet.io import Calibration, read_calibration
 

@@ -3,7 +3,7 @@
 from anynet.io.calibration import Calibration, read_calibration
 from anynet.io.disparity import read_disparity, write_depth, write_disparity
 from anynet.io.files import write_atomically
-from anynet.io.images import read_image, write_image
+from anynet.io.images import read_image, read_pair, write_image
 from anynet.io.pointcloud import write_ply
 
 __all__ = [
@@ -11,6 +11,7 @@ __all__ = [
     "read_calibration",
     "read_disparity",
     "read_image",
+    "read_pair",
     "write_atomically",
     "write_depth",
     "write_disparity",

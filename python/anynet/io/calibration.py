@@ -44,7 +44,8 @@ class Calibration:
             disparity: float32 [H, W], pixels, NaN where unknown.
         """
         shifted = disparity + np.float32(self.doffs)
-        return np.float32(self.focal * self.baseline) / np.where(shifted > 0, shifted, np.float32(np.nan))
+        shifted[~(shifted > 0)] = np.nan
+        return np.float32(self.focal * self.baseline) / shifted
 
     def points(self, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """The point of every pixel, [H, W, 3] metres: x to the right, y down, z forward from the left camera."""

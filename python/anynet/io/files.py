@@ -1,4 +1,4 @@
-"""Writing files so that nothing half-written is ever left."""
+"""Bytes to and from files, so that an error is one line and nothing half-written is ever left."""
 
 from __future__ import annotations
 
@@ -30,6 +30,18 @@ def write_atomically(path: str | Path, data: bytes) -> None:
             unfinished.unlink(missing_ok=True)
     except OSError as error:
         raise AnyNetError(f"cannot write {path}: {error.strerror}") from error
+
+
+def make_folder(path: str | Path) -> None:
+    """Makes the folder and those above it, if missing.
+
+    Raises:
+        AnyNetError: if it cannot be made.
+    """
+    try:
+        Path(path).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise AnyNetError(f"cannot make the folder {path}: {error.strerror}") from error
 
 
 def read_bytes(path: str | Path) -> bytes:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from anynet.errors import AnyNetError
 from anynet.io.files import read_bytes, write_atomically
@@ -24,7 +24,7 @@ def open_image(path: str | Path) -> Image.Image:
     try:
         image = Image.open(io.BytesIO(data))
         image.load()
-    except Image.UnidentifiedImageError as error:
+    except UnidentifiedImageError as error:
         raise AnyNetError(f"cannot read {path}: not an image of a known format") from error
     except Exception as error:  # a damaged file raises whatever its decoder meets first
         raise AnyNetError(f"cannot read {path}: damaged image ({error})") from error
@@ -49,6 +49,19 @@ def read_image(path: str | Path) -> npt.NDArray[np.uint8]:
     if image.mode in ("LA", "La", "PA", "RGBA", "RGBa"):
         warnings.warn(f"{path}: the alpha channel is ignored", stacklevel=2)
     return np.array(image.convert("RGB"))
+
+
+def read_pair(left: str | Path, right: str | Path) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """Reads the two images of a pair, as `read_image` does.
+
+    Raises:
+        AnyNetError: if one of them cannot be read, or they differ in size.
+    """
+    images = read_image(left), read_image(right)
+    if images[0].shape != images[1].shape:
+        sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in images)
+        raise AnyNetError(f"expected two images of one size, got {sizes} ({left}, {right})")
+    return images
 
 
 def write_image(path: str | Path, image: npt.NDArray[np.uint8]) -> None:
