@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 _LONG_SIDE = 1280  # larger images are looked at in this size: the cost stays below 0.1 s
+_SHORTEST_SIDE = 32  # a corner's descriptor needs 31 pixels
 _FEWEST = 20  # matches; with fewer nothing can be said
 _VERTICAL = 1.0  # pixels; on rectified pairs the median is 0, on pairs rotated by 1 degree at least 1.4
 
@@ -44,6 +45,8 @@ def check_rectified(left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8]) -
 
 def _match_offsets(left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
     """Right minus left position (x, y) of matched corners in pixels, [M, 2]."""
+    if min(left.shape[:2]) < _SHORTEST_SIDE:
+        return np.empty((0, 2))
     scale = min(1.0, _LONG_SIDE / max(left.shape[:2]))
     orb = cv2.ORB.create(nfeatures=1000, fastThreshold=10)
     keypoints, descriptors = [], []
@@ -64,5 +67,5 @@ def _match_offsets(left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8]) ->
     if not pairs:
         return np.empty((0, 2))
     query, train = np.array(pairs).T
-    offset: npt.NDArray[np.float64] = keypoints[1][train] - keypoints[0][query]
-    return offset / scale
+    offset: npt.NDArray[np.float64] = (keypoints[1][train] - keypoints[0][query]) / scale
+    return offset

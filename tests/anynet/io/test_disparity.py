@@ -182,4 +182,4 @@ def test_real_disparities_lead_to_the_same_colour(folder: str, left: str, right:
         there = np.clip(np.round(columns - shift[rows, columns]).astype(int), 0, shift.shape[1] - 1)
         return float(np.median(np.abs(images[0][rows, columns].astype(int) - images[1][rows, there])))
 
-    assert difference(disparity) < difference(disparity[::-1]) / 2  # the rows are not upside down
+    assert difference(disparity) < 0.9 * difference(disparity[::-1])  # the rows are not upside down
