@@ -22,8 +22,10 @@ _RUNS = 5  # after one to warm up; the table has their medians
 
 
 def demo(
-    left: Annotated[Path | None, typer.Argument(help="Left image of a pair of your own.", show_default=False)] = None,
-    right: Annotated[Path | None, typer.Argument(help="Right image.", show_default=False)] = None,
+    left: Annotated[
+        Path | None, typer.Argument(metavar="LEFT", help="Left image of a pair of your own.", show_default=False)
+    ] = None,
+    right: Annotated[Path | None, typer.Argument(metavar="RIGHT", help="Right image.", show_default=False)] = None,
     truth: Annotated[Path | None, typer.Option(help="Its true disparity: KITTI PNG, PFM, NPY or NPZ.")] = None,
     calib: Annotated[Path | None, typer.Option(help="Its calibration: KITTI, Middlebury or OpenCV.")] = None,
     rendered: Annotated[bool, typer.Option("--rendered", help="Use a rendered scene.")] = False,

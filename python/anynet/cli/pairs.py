@@ -67,9 +67,13 @@ def _matches(pattern: str) -> list[Path]:
 
 
 def _names(paths: list[Path]) -> list[str]:
-    """One name per file: without folder and ending if that tells them apart, else with the parts that differ."""
-    names = [path.stem for path in paths]
-    if len(set(names)) == len(names):
-        return names
-    common = os.path.commonpath([path.resolve().parent for path in paths])
-    return ["_".join(path.resolve().relative_to(common).with_suffix("").parts) for path in paths]
+    """One name per file: without folder and ending if that tells them apart, else with more of the path."""
+    folder = os.path.commonpath([path.resolve().parent for path in paths])
+    relative = [path.resolve().relative_to(folder) for path in paths]
+    for names in (
+        [path.stem for path in paths],
+        ["_".join(path.with_suffix("").parts) for path in relative],
+    ):
+        if len(set(names)) == len(names):
+            return names
+    return ["_".join(path.parts).replace(".", "_") for path in relative]

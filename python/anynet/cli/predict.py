@@ -47,11 +47,14 @@ class Request:
 
 
 def predict(
-    left: Annotated[str, typer.Argument(help="Left image, folder of left images, or quoted glob pattern.")],
+    left: Annotated[
+        str, typer.Argument(metavar="LEFT", help="Left image, folder of left images, or quoted glob pattern.")
+    ],
     right: Annotated[
         str,
         typer.Argument(
-            help="The right image or images: of the same file names in the other folder, or in the same sorted order."
+            metavar="RIGHT",
+            help="The right image or images: of the same file names in the other folder, or in the same sorted order.",
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results; made if missing.")],
@@ -67,7 +70,7 @@ def predict(
     calib: Annotated[
         Path | None,
         typer.Option(
-            help="Calibration of KITTI, Middlebury (calib.txt) or OpenCV (YAML): writes depth and a point cloud."
+            help="Calibration of KITTI, Middlebury (calib.txt) or OpenCV (YAML, metres): writes depth and a point cloud."
         ),
     ] = None,
     focal: Annotated[
@@ -87,7 +90,7 @@ def predict(
     ] = float("inf"),
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     check: Annotated[
-        bool, typer.Option(" /--no-check", help="Don't look whether a pair is unrectified or swapped.")
+        bool, typer.Option("--check/--no-check", help="Warn if a pair looks unrectified or swapped.")
     ] = True,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per pair and line, for machines.")
