@@ -21,6 +21,8 @@ from anynet.errors import AnyNetError
 # name: module in this package that has a function of that name, summary
 COMMANDS = {
     "predict": ("predict", "Disparity, depth and point clouds from pairs of images."),
+    "train": ("train", "Train a network from scratch."),
+    "finetune": ("train", "Train weights further on other data."),
     "info": ("info", "What is installed: build, instruction set, threads, weights."),
 }
 

@@ -1,0 +1,75 @@
+"""`anynet train` and `anynet finetune`: their options are the fields of `Recipe`."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+from anynet.config import AnyNetConfig
+from anynet.errors import AnyNetError
+from anynet.training.recipe import PRESETS, Recipe, network_of, preset
+
+# What the command line cannot parse is given piece by piece.
+_KINDS: dict[Any, Any] = {tuple[str, ...]: list[str], tuple[float, ...]: list[float], AnyNetConfig: list[str]}
+
+
+def _command(name: str, default: str, summary: str) -> Callable[..., None]:
+    """A command with one option for each field of `Recipe`; those not given are the preset's."""
+
+    def command(out: Path, start: str, resume: bool, **given: Any) -> None:
+        from anynet.training.loop import RECIPE, train
+
+        options = {option: value for option, value in given.items() if value is not None and value != []}
+        if "network" in options:
+            options["network"] = _network(options["network"])
+        options = {option: tuple(v) if isinstance(v, list) else v for option, v in options.items()}
+        if resume and (out / RECIPE).exists():
+            recipe = replace(Recipe.from_json((out / RECIPE).read_text()), **options)
+        else:
+            recipe = preset(start, **options)
+        print(train(recipe, out, resume=resume))
+
+    types = get_type_hints(Recipe)
+    parameters = [
+        _parameter("out", Path, typer.Option(help="Folder of the run: weights, checkpoint, log."), ...),
+        _parameter("start", str, typer.Option("--preset", help=f"Where to begin: {', '.join(PRESETS)}."), default),
+        _parameter("resume", bool, typer.Option("--resume", help="Go on where the run in --out stopped."), False),
+    ]
+    for option in fields(Recipe):
+        kind = _KINDS.get(types[option.name], types[option.name])
+        value = getattr(PRESETS[default], option.name)
+        shown = " ".join(map(str, value)) if isinstance(value, tuple) else str(value)
+        hidden = value in (None, ()) or isinstance(value, AnyNetConfig)
+        info = typer.Option(help=option.metadata["help"], show_default=False if hidden else shown)
+        parameters.append(_parameter(option.name, kind | None, info, None))
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    command.__name__, command.__doc__ = name, summary
+    return command
+
+
+def _parameter(name: str, kind: Any, option: Any, default: Any) -> inspect.Parameter:
+    annotation = Annotated[kind, option]
+    default = inspect.Parameter.empty if default is ... else default
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _network(options: list[str]) -> AnyNetConfig:
+    """From NAME=VALUE, the value in JSON."""
+    values = {}
+    for option in options:
+        name, _, value = option.partition("=")
+        try:
+            values[name] = json.loads(value)
+        except json.JSONDecodeError:
+            raise AnyNetError(f"--network: expected NAME=VALUE like channels=2, got {option!r}") from None
+    return network_of(values)
+
+
+train = _command("train", "default", "Train a network from scratch.")
+finetune = _command("finetune", "kitti", "Train weights further on other data.")

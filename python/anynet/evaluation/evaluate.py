@@ -1,0 +1,98 @@
+"""Runs a method over a data set and scores each of its stages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from anynet.data import StereoSample
+from anynet.errors import AnyNetError
+from anynet.evaluation.metrics import Mask, Scores, mean, pooled, scores
+from anynet.predictor import Estimate
+
+Image = npt.NDArray[np.uint8]
+Method = Callable[[Image, Image], Iterable[Estimate]]
+"""A stereo method: left and right uint8 RGB [H,W,3] -> estimates, one per stage. `Predictor.stages` is one."""
+
+MAX_DISPARITY = 192.0
+REGIONS = ("all", "noc", "foreground", "background")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Scores of one stage over a data set."""
+
+    stage: int
+    images: tuple[Scores, ...]
+    """By image, in the order of `Evaluation.names`."""
+    milliseconds: float
+    """Median over the images, from the same start for every stage."""
+
+    @property
+    def mean(self) -> Scores:
+        """Mean over images."""
+        return mean(self.images)
+
+    @property
+    def pooled(self) -> Scores:
+        """Over the pixels of all images together."""
+        return pooled(self.images)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A method's stages on one data set and region."""
+
+    names: tuple[str, ...]
+    stages: tuple[Stage, ...]
+
+
+def region_mask(sample: StereoSample, region: str) -> Mask:
+    """Pixels that count: known, 0 < d < 192, and in `region`.
+
+    "all": those with known disparity; "noc": of them, those that both cameras see; "foreground", "background".
+
+    Raises:
+        AnyNetError: if the sample does not tell the region.
+    """
+    known = sample.valid & (sample.disparity > 0) & (sample.disparity < MAX_DISPARITY)
+    regions = {
+        "all": sample.valid,
+        "noc": sample.noc,
+        "foreground": sample.foreground,
+        "background": None if sample.foreground is None else ~sample.foreground,
+    }
+    if region not in regions:
+        raise AnyNetError(f"expected a region of {', '.join(REGIONS)}, got {region!r}")
+    chosen = regions[region]
+    if chosen is None:
+        raise AnyNetError(f"{sample.name}: the data do not tell {region!r} from other pixels")
+    mask: Mask = known & chosen
+    return mask
+
+
+def evaluate(method: Method, samples: Sequence[StereoSample], region: str = "all") -> Evaluation:
+    """Scores `method` on the whole images of `samples`.
+
+    Raises:
+        AnyNetError: if there are no samples, or a sample does not tell `region`.
+    """
+    if not len(samples):
+        raise AnyNetError("no pairs to evaluate on")
+    names: list[str] = []
+    by_stage: dict[int, list[tuple[Scores, float]]] = {}
+    for sample in samples:
+        mask = region_mask(sample, region)
+        names.append(sample.name)
+        # All first: scoring in between would be part of the later stages' times.
+        for estimate in list(method(sample.left, sample.right)):
+            score = scores(estimate.disparity, sample.disparity, mask)
+            by_stage.setdefault(estimate.stage, []).append((score, estimate.elapsed_ms))
+    stages = (
+        Stage(stage, tuple(score for score, _ in results), float(np.median([ms for _, ms in results])))
+        for stage, results in sorted(by_stage.items())
+    )
+    return Evaluation(tuple(names), tuple(stages))

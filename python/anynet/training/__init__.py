@@ -1,0 +1,1 @@
+"""Training: `recipe.Recipe` says what to do, `loop.train` does it."""

@@ -1,0 +1,77 @@
+"""The stream of training batches: a function of (seed, step), so that a run can stop and go on anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+
+from anynet.data import StereoSample
+from anynet.data.augment import augment, random_crop
+from anynet.errors import AnyNetError
+from anynet.training.distributed import Processes
+from anynet.training.recipe import Recipe
+
+Item = tuple[Tensor, Tensor, Tensor, Tensor]
+
+
+class _Draws(Dataset[Item]):
+    """Draw number i of a run: epoch after epoch, each in an order of its own, cropped and augmented by i's own dice."""
+
+    def __init__(self, samples: Sequence[StereoSample], recipe: Recipe) -> None:
+        self._samples = samples
+        self._recipe = recipe
+        self._epoch = -1
+        self._order = np.empty(0, np.int64)
+
+    def __getitem__(self, draw: int) -> Item:
+        recipe = self._recipe
+        epoch, place = divmod(draw, len(self._samples))
+        if epoch != self._epoch:
+            self._epoch = epoch
+            self._order = np.random.default_rng((recipe.seed, 0, epoch)).permutation(len(self._samples))
+        dice = np.random.default_rng((recipe.seed, 1, draw))
+        sample = self._samples[int(self._order[place])]
+        sample = (augment if recipe.augment else random_crop)(sample, recipe.crop, dice)
+        disparity = np.where(sample.valid, sample.disparity, 0).astype(np.float32)
+        return (
+            torch.from_numpy(np.ascontiguousarray(sample.left.transpose(2, 0, 1))),
+            torch.from_numpy(np.ascontiguousarray(sample.right.transpose(2, 0, 1))),
+            torch.from_numpy(disparity[None]),
+            torch.from_numpy(np.ascontiguousarray(sample.valid[None])),
+        )
+
+
+class _Steps:
+    """The draws of this process, step by step. All processes together make the batch that one process would."""
+
+    def __init__(self, steps: range, batch: int, processes: Processes) -> None:
+        self._steps, self._batch, self._processes = steps, batch, processes
+
+    def __iter__(self) -> Iterator[range]:
+        share = self._batch // self._processes.count
+        for step in self._steps:
+            start = step * self._batch + self._processes.rank * share
+            yield range(start, start + share)
+
+    def __len__(self) -> int:
+        return len(self._steps)
+
+
+def batches(samples: Sequence[StereoSample], recipe: Recipe, steps: range, processes: Processes) -> DataLoader[Item]:
+    """This process's part of the batches of `steps`.
+
+    Each is left, right uint8 [B,3,h,w], disparity float32 [B,1,h,w] (0 where unknown), valid bool [B,1,h,w].
+    """
+    if recipe.batch % processes.count:
+        raise AnyNetError(f"a batch of {recipe.batch} does not divide among {processes.count} processes")
+    return DataLoader(
+        _Draws(samples, recipe),
+        batch_sampler=_Steps(steps, recipe.batch, processes),  # type: ignore[arg-type]
+        num_workers=recipe.workers,
+        prefetch_factor=4 if recipe.workers else None,
+        pin_memory=processes.device.type == "cuda",
+    )

@@ -1,0 +1,120 @@
+"""Data-parallel training under `torchrun`: process group, and batch norm over the batches of all processes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+import torch.distributed as dist
+from torch import Tensor, nn
+
+
+@dataclass(frozen=True)
+class Processes:
+    """This process among all of the run."""
+
+    rank: int
+    count: int
+    device: torch.device
+
+    @property
+    def first(self) -> bool:
+        return self.rank == 0
+
+    def wait(self) -> None:
+        """Until every process is here."""
+        if self.count > 1:
+            dist.barrier()
+
+    def total(self, value: Tensor) -> Tensor:
+        """Sum of `value` over the processes."""
+        if self.count > 1:
+            dist.all_reduce(value)
+        return value
+
+
+@contextmanager
+def process_group(device: str | None) -> Iterator[Processes]:
+    """Joins the process group that torchrun describes in the environment; one process where there is none."""
+    kind = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    count = int(os.environ.get("WORLD_SIZE", "1"))
+    if count == 1:
+        yield Processes(0, 1, torch.device(kind))
+        return
+    if kind == "cuda":
+        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
+        kind = f"cuda:{os.environ['LOCAL_RANK']}"
+    dist.init_process_group("nccl" if kind.startswith("cuda") else "gloo")
+    try:
+        yield Processes(dist.get_rank(), count, torch.device(kind))
+    finally:
+        dist.destroy_process_group()
+
+
+class _TotalOverProcesses(torch.autograd.Function):
+    """Sum over the processes. Every process's loss depends on it, so its gradient is the sum of theirs."""
+
+    @staticmethod
+    def forward(ctx: Any, value: Tensor) -> Tensor:
+        total = value.clone()
+        dist.all_reduce(total)
+        return total
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        total = gradient.clone()
+        dist.all_reduce(total)
+        return total
+
+
+def _total(value: Tensor) -> Tensor:
+    total: Tensor = _TotalOverProcesses.apply(value)  # type: ignore[no-untyped-call]
+    return total
+
+
+class _SyncBatchNorm(nn.modules.batchnorm._BatchNorm):
+    """Batch norm with the statistics of all processes, on any device (PyTorch's own works on CUDA only)."""
+
+    def _check_input_dim(self, input: Tensor) -> None:
+        pass
+
+    def forward(self, input: Tensor) -> Tensor:
+        if not self.training:
+            return super().forward(input)
+        axes = [0, *range(2, input.dim())]
+        shape = [1, -1] + [1] * (input.dim() - 2)
+        here = input.new_tensor(input.numel() // input.shape[1])
+        sums = _total(torch.cat([input.sum(axes), here[None]]))
+        count = sums[-1].detach()
+        mean = sums[:-1] / count
+        centred = input - mean.view(shape)
+        # Two passes: the difference of large sums would lose the variance in float32.
+        variance = _total(centred.square().sum(axes)) / count
+        with torch.no_grad():
+            # The network's batch norms track these; the base class's types allow for others.
+            assert self.running_mean is not None
+            assert self.running_var is not None
+            assert self.num_batches_tracked is not None
+            assert self.momentum is not None
+            self.running_mean.lerp_(mean, self.momentum)
+            self.running_var.lerp_(variance * count / (count - 1), self.momentum)
+            self.num_batches_tracked.add_(1)
+        scale = self.weight * torch.rsqrt(variance + self.eps)
+        return torch.addcmul(self.bias.view(shape), centred, scale.view(shape))
+
+
+def synchronise_batch_norm(model: nn.Module, device: torch.device) -> None:
+    """Makes every batch norm inside the model take its statistics over the batches of all processes."""
+    if device.type == "cuda":
+        nn.SyncBatchNorm.convert_sync_batchnorm(model)  # type: ignore[no-untyped-call]
+        return
+    for parent in list(model.modules()):
+        for name, child in parent.named_children():
+            if isinstance(child, nn.modules.batchnorm._BatchNorm):
+                norm = _SyncBatchNorm(child.num_features, child.eps, child.momentum)
+                norm.load_state_dict(child.state_dict())
+                setattr(parent, name, norm)

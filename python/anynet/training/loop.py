@@ -1,0 +1,213 @@
+"""The training loop: data, loss, optimiser, log, checkpoints."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+import torch
+from torch import Tensor, nn
+from torch.nn.parallel import DistributedDataParallel
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
+
+from anynet.checkpoint import load_checkpoint, save_checkpoint
+from anynet.data import StereoSample, open_datasets
+from anynet.errors import AnyNetError
+from anynet.evaluation.evaluate import Evaluation, evaluate
+from anynet.network import MEAN, STD, AnyNet
+from anynet.predictor import Predictor
+from anynet.training.batches import batches
+from anynet.training.distributed import Processes, process_group, synchronise_batch_norm
+from anynet.training.log import RunLog
+from anynet.training.loss import loss_mask, stage_losses
+from anynet.training.recipe import Recipe
+
+RECIPE, CHECKPOINT, LOG, WEIGHTS = "recipe.json", "checkpoint.pt", "log.jsonl", "weights.safetensors"
+
+
+def train(
+    recipe: Recipe,
+    out: str | os.PathLike[str],
+    *,
+    resume: bool = False,
+    data: Sequence[StereoSample] | None = None,
+    validation: dict[str, Sequence[StereoSample]] | None = None,
+) -> Path:
+    """Trains a network; returns the file of its weights, `out`/weights.safetensors.
+
+    The folder `out` also gets recipe.json, log.jsonl (one line per `log_every` steps: losses in pixels, rate, norm of
+    the gradient, seconds) and checkpoint.pt, from which a run that was interrupted goes on.
+
+    Args:
+        recipe: what to do.
+        out: a folder; made if need be.
+        resume: go on from the checkpoint in `out`, or begin, where there is none. The run then ends in the same weights
+            as one that was never interrupted.
+        data, validation: samples (by name, for validation) in place of those that the recipe names.
+
+    Raises:
+        AnyNetError: `out` holds a run already and `resume` is false; or it is the run of another recipe; or the loss
+            is no longer finite; or there is nothing to train on.
+    """
+    out = Path(out)
+    if recipe.threads is not None:
+        torch.set_num_threads(recipe.threads)
+    if data is None:
+        data = open_datasets(recipe.data)
+    if validation is None:
+        validation = {name: open_datasets([name]) for name in recipe.validation}
+    if not len(data):
+        raise AnyNetError("no pairs to train on")
+    with process_group(recipe.device) as group:
+        if group.first:
+            _begin(recipe, out, resume)
+        group.wait()
+        return _Run(recipe, out, data, validation, group).go()
+
+
+def _begin(recipe: Recipe, out: Path, resume: bool) -> None:
+    """Makes the folder a run of this recipe, or sees that it is one."""
+    stored = out / RECIPE
+    if stored.exists():
+        if not resume:
+            raise AnyNetError(f"{out} holds a run already: resume it, or choose another folder")
+        Recipe.from_json(stored.read_text()).check_resumed(recipe)
+    out.mkdir(parents=True, exist_ok=True)
+    _write(stored, recipe.to_json().encode())
+
+
+def _write(path: Path, content: bytes) -> None:
+    """The file appears whole or not at all, whenever the process or the machine dies."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    with partial.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+
+
+def _normalised(image: Tensor) -> Tensor:
+    """RGB uint8 [N,3,H,W] -> the network's input."""
+    mean, deviation = (255 * torch.tensor(values, device=image.device).view(3, 1, 1) for values in (MEAN, STD))
+    return (image - mean) / deviation
+
+
+class _Run:
+    """A run at some step: model, optimiser and the running average of the weights are all its state."""
+
+    def __init__(
+        self,
+        recipe: Recipe,
+        out: Path,
+        data: Sequence[StereoSample],
+        validation: dict[str, Sequence[StereoSample]],
+        group: Processes,
+    ) -> None:
+        self.recipe, self.out, self.data, self.validation, self.group = recipe, out, data, validation, group
+        self.steps = recipe.length(len(data))
+        torch.manual_seed(recipe.seed)
+        self.model = load_checkpoint(recipe.weights) if recipe.weights is not None else AnyNet(recipe.network)
+        if len(recipe.stage_weights) != self.model.config.stages:
+            raise AnyNetError(
+                f"stage_weights: expected {self.model.config.stages}, one per stage, got {len(recipe.stage_weights)}"
+            )
+        self.model.to(group.device).train()
+        averaging = get_ema_multi_avg_fn(recipe.averaging)  # type: ignore[no-untyped-call]
+        self.average = AveragedModel(self.model, multi_avg_fn=averaging, use_buffers=True)
+        self.parallel: nn.Module = self.model
+        if group.count > 1:
+            synchronise_batch_norm(self.model, group.device)
+            self.parallel = DistributedDataParallel(self.model, broadcast_buffers=False)
+        self.optimizer = torch.optim.Adam(self.model.parameters(), recipe.rate, fused=True)
+        self.stage_weights = torch.tensor(recipe.stage_weights, device=group.device)
+        self.step = 0
+        if (out / CHECKPOINT).exists():
+            self._restore()
+
+    def go(self) -> Path:
+        recipe = self.recipe
+        loader = iter(batches(self.data, recipe, range(self.step, self.steps), self.group))
+        validate_every = recipe.validate_every or self.steps
+        path = self.out / LOG if self.group.first else None
+        events = self.out / "tensorboard" if self.group.first and recipe.tensorboard else None
+        with RunLog(path, self.step, self.steps, recipe.log_every, events) as log:
+            while self.step < self.steps:
+                began = time.perf_counter()
+                batch = next(loader)
+                waited = time.perf_counter() - began
+                losses, norm = self._update(batch)
+                rate = self.optimizer.param_groups[0]["lr"]
+                log.step(self.step, losses, norm, rate, time.perf_counter() - began, waited)
+                if not self.group.first:
+                    continue
+                last = self.step == self.steps
+                if last or self.step % recipe.checkpoint_every == 0:
+                    self._save()
+                if self.validation and (last or self.step % validate_every == 0):
+                    log.validation(self.step, self._validate())
+            if self.group.first:
+                self._export()
+        return self.out / WEIGHTS
+
+    def _update(self, batch: list[Tensor]) -> tuple[list[float], float]:
+        """One step of the optimiser; returns each stage's loss (pixels) and the norm of the gradient."""
+        recipe, group = self.recipe, self.group
+        left, right, disparity, valid = (tensor.to(group.device, non_blocking=True) for tensor in batch)
+        mask = loss_mask(disparity, valid)
+        pixels = group.total(mask.sum()).clamp(min=1)
+        with torch.autocast(group.device.type, torch.bfloat16, enabled=recipe.amp):
+            outputs = self.parallel(_normalised(left), _normalised(right))
+        losses = stage_losses(outputs, disparity, mask, pixels)
+        # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
+        (group.count * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
+        values: list[float] = group.total(losses.detach()).tolist()
+        for stage, value in enumerate(values, 1):
+            if not math.isfinite(value):
+                raise AnyNetError(
+                    f"the loss of stage {stage} became {value} at step {self.step + 1}: "
+                    f"resume from {self.out / CHECKPOINT} with other data, or begin again with a smaller rate"
+                )
+        norm = float(nn.utils.clip_grad_norm_(self.model.parameters(), recipe.clip or math.inf, foreach=True))
+        if not math.isfinite(norm):
+            raise AnyNetError(f"the gradient became {norm} at step {self.step + 1}, the losses being {values}")
+        for parameters in self.optimizer.param_groups:
+            parameters["lr"] = recipe.rate_at(self.step, self.steps)
+        self.optimizer.step()
+        self.optimizer.zero_grad()
+        self.average.update_parameters(self.model)
+        self.step += 1
+        return values, norm
+
+    def _save(self) -> None:
+        state = {
+            "step": self.step,
+            "model": self.model.state_dict(),
+            "average": self.average.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }
+        content = io.BytesIO()
+        torch.save(state, content)
+        _write(self.out / CHECKPOINT, content.getvalue())
+
+    def _restore(self) -> None:
+        # The data and the rate of a step follow from its number, and nothing else in a step is random.
+        state = torch.load(self.out / CHECKPOINT, map_location=self.group.device, weights_only=True)
+        self.step = state["step"]
+        self.model.load_state_dict(state["model"])
+        self.average.load_state_dict(state["average"])
+        self.optimizer.load_state_dict(state["optimizer"])
+
+    def _export(self) -> None:
+        recipe = json.loads(self.recipe.to_json())
+        save_checkpoint(self.out / WEIGHTS, cast(AnyNet, self.average.module), {"recipe": recipe, "steps": self.step})
+
+    def _validate(self) -> dict[str, Evaluation]:
+        self._export()
+        predictor = Predictor(self.out / WEIGHTS, threads=self.recipe.threads)
+        return {name: evaluate(predictor.stages, samples) for name, samples in self.validation.items()}
