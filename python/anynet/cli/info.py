@@ -16,13 +16,16 @@ def info(
     """What is installed: build, instruction set, threads, weights."""
     import anynet_ext
 
+    from anynet.checkpoint import PACKAGED, load_metadata
+
     try:
         installed = version("anynet")
     except PackageNotFoundError:
         installed = "not installed: imported from a source tree"
     found: dict[str, Any] = {"anynet": installed, "python": platform.python_version(), **anynet_ext.build_info()}
+    found["weights"] = {file.stem: load_metadata(file) for file in sorted(PACKAGED.glob("*.safetensors"))}
     if as_json:
         print(json.dumps(found))
         return
     for name, value in found.items():
-        print(f"{name}: {' '.join(map(str, value)) if isinstance(value, list) else value}")
+        print(f"{name}: {' '.join(map(str, value)) if isinstance(value, (list, dict)) else value}")

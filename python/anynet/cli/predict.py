@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from anynet.cli.pairs import Pair, find_pairs
 from anynet.errors import AnyNetError
@@ -70,7 +70,7 @@ def predict(
     calib: Annotated[
         Path | None,
         typer.Option(
-            help="Calibration of KITTI, Middlebury (calib.txt) or OpenCV (YAML, metres): writes depth and a point cloud."
+            help="Calibration of KITTI, Middlebury (calib.txt) or OpenCV (YAML, in metres): for depth and a cloud."
         ),
     ] = None,
     focal: Annotated[
@@ -213,7 +213,7 @@ def _calibration(file: Path | None, numbers: dict[str, Any]) -> Calibration | No
 
 def _progress(pairs: list[Pair]) -> Iterator[Pair]:
     """The pairs one by one, with a bar on the terminal if there are several."""
-    columns = TextColumn("{task.completed} of {task.total}"), BarColumn(), TimeRemainingColumn()
+    columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     console = Console(stderr=True)
     with Progress(
         *columns,
