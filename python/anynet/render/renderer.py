@@ -1,0 +1,122 @@
+"""Draws a scene for both eyes, with exact disparities and occlusions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from anynet.data.sample import StereoSample
+from anynet.render.scenes import MAX_DISPARITY, PRESETS, Scene
+from anynet.render.sensor import photograph
+from anynet.render.surfaces import Window
+from anynet.render.textures import Field, Image
+
+MIXTURE = {"street": 0.4, "room": 0.3, "ground": 0.1, "things": 0.2}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderedSample(StereoSample):
+    """A pair with dense ground truth for both views.
+
+    disparity, right_disparity: float32 [H, W], pixels, the nearest surface that is more opaque than not.
+    occluded, right_occluded: bool [H, W], what the other eye does not see (outside its image included).
+    """
+
+    right_disparity: Field
+    occluded: NDArray[np.bool_]
+    right_occluded: NDArray[np.bool_]
+
+
+def _draw(scene: Scene, eye: int) -> tuple[Image, Field]:
+    """One view's image and disparity. Geometry from front to back, to find out what is hidden; colour the other way."""
+    camera = scene.camera
+    shape = camera.height, camera.width
+    solid = np.zeros(shape, np.float32)  # disparity of the nearest fully opaque surface
+    fragments = []
+    for surface in sorted(scene.surfaces, key=lambda s: s.depth):
+        hull = surface.hull
+        window = camera.window(hull, eye)
+        if window is None or camera.focal / hull[:, 2].min() < solid[window.slices].min():
+            continue
+        fragment = surface.cast(camera, eye, window)
+        if fragment is None:
+            continue
+        part = window.slices
+        cover = np.where(fragment.disparity >= solid[part], fragment.coverage, np.float32(0))
+        left, top, wide, tall = cv2.boundingRect(cv2.inRange(cover, 1 / 255, 1))
+        if wide:
+            np.copyto(solid[part], fragment.disparity, where=cover > 0.999)
+            x, y = left + window.left, top + window.top
+            fragments.append((fragment, cover, Window(x, y, x + wide, y + tall)))
+    image, nearest = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32)
+    for fragment, cover, seen in reversed(fragments):
+        part = seen.within(fragment.window)
+        disparity, behind, target = fragment.disparity[part], nearest[seen.slices], image[seen.slices]
+        share = np.where(disparity >= np.maximum(behind, solid[seen.slices]), cover[part], np.float32(0))
+        target[:] = cv2.blendLinear(fragment.paint(seen), target, share, 1 - share)
+        np.copyto(behind, disparity, where=share > 0.5)
+    return image, nearest
+
+
+def occlusion(disparity: Field, other: Field, sign: int) -> NDArray[np.bool_]:
+    """Pixels of one view that the other does not show.
+
+    `sign`: -1 if `disparity` is the left view's (its match lies at x - d), +1 if it is the right view's.
+    A pixel is seen if one of the two pixels around its match has its disparity to within one pixel.
+    """
+    height, width = disparity.shape
+    match = np.arange(width, dtype=np.float32) + sign * disparity
+    column = np.floor(match).astype(np.int32)
+    rows = np.arange(height)[:, None]
+    seen = np.zeros(disparity.shape, bool)
+    for step in (0, 1):
+        there = other[rows, np.clip(column + step, 0, width - 1)]
+        seen |= np.abs(there - disparity) < 1
+    return ~seen | (match < 0) | (match > width - 1)
+
+
+def render(
+    seed: int,
+    height: int = 384,
+    width: int = 768,
+    preset: str | None = None,
+    mixture: Mapping[str, float] = MIXTURE,
+    sensor: bool = True,
+) -> RenderedSample:
+    """A random pair with exact ground truth; the same arguments give the same pair.
+
+    preset: one of PRESETS; None draws one with the weights of `mixture`.
+    sensor: False leaves out noise, blur and the differences between the cameras.
+    Raises ValueError for an unknown preset or an image smaller than 64 x 64.
+    """
+    if height < 64 or width < 64:
+        raise ValueError(f"render: expected at least 64 x 64 pixels, got {height} x {width}")
+    unknown = set(mixture if preset is None else (preset,)) - set(PRESETS)
+    if unknown:
+        raise ValueError(f"render: unknown preset {sorted(unknown)}, expected some of {sorted(PRESETS)}")
+    rng = np.random.default_rng(seed)
+    if preset is None:
+        weights = np.array(list(mixture.values()), float)
+        preset = list(mixture)[int(rng.choice(len(weights), p=weights / weights.sum()))]
+    scene = PRESETS[preset](rng, height, width)
+    left, disparity = _draw(scene, 0)
+    right, right_disparity = _draw(scene, 1)
+    if sensor:
+        left, right = photograph(rng, left, right)
+    occluded = occlusion(disparity, right_disparity, -1)
+    return RenderedSample(
+        left=left,
+        right=right,
+        disparity=disparity,
+        valid=disparity < MAX_DISPARITY,
+        noc=~occluded,
+        foreground=None,
+        name=f"{preset}-{seed}",
+        right_disparity=right_disparity,
+        occluded=occluded,
+        right_occluded=occlusion(right_disparity, disparity, 1),
+    )
