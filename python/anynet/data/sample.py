@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,3 +29,39 @@ class StereoSample:
     noc: NDArray[np.bool_] | None = None
     foreground: NDArray[np.bool_] | None = None
     name: str = ""
+
+
+class Dataset(Sequence[StereoSample]):
+    """Pairs on disk (or made on demand), read one at a time; `name` says which set it is."""
+
+    name: str
+
+    @overload
+    def __getitem__(self, index: int) -> StereoSample: ...
+    @overload
+    def __getitem__(self, index: slice) -> Dataset: ...
+    def __getitem__(self, index: int | slice) -> StereoSample | Dataset:
+        if isinstance(index, slice):
+            return Concatenation(self.name, [(self, i) for i in range(*index.indices(len(self)))])
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"{self.name}: no sample {index}, there are {len(self)}")
+        return self.load(index % len(self))
+
+    @abstractmethod
+    def load(self, index: int) -> StereoSample:
+        """Reads sample number `index`, 0 <= index < len(self)."""
+
+
+class Concatenation(Dataset):
+    """Chosen samples of other data sets, in a given order."""
+
+    def __init__(self, name: str, places: Sequence[tuple[Dataset, int]]) -> None:
+        self.name = name
+        self._places = list(places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def load(self, index: int) -> StereoSample:
+        dataset, place = self._places[index]
+        return dataset.load(place)

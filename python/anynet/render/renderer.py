@@ -46,19 +46,21 @@ def _draw(scene: Scene, eye: int) -> tuple[Image, Field]:
         if fragment is None:
             continue
         part = window.slices
-        cover = np.where(fragment.disparity >= solid[part], fragment.coverage, np.float32(0))
-        left, top, wide, tall = cv2.boundingRect(cv2.inRange(cover, 1 / 255, 1))
+        front = cv2.compare(fragment.disparity, solid[part], cv2.CMP_GE)
+        left, top, wide, tall = cv2.boundingRect(cv2.copyTo(cv2.inRange(fragment.coverage, 1 / 255, 1), front))
         if wide:
-            np.copyto(solid[part], fragment.disparity, where=cover > 0.999)
+            opaque = cv2.inRange(fragment.coverage, 0.999, 1)
+            cv2.copyTo(fragment.disparity, cv2.bitwise_and(front, opaque), solid[part])
             x, y = left + window.left, top + window.top
-            fragments.append((fragment, cover, Window(x, y, x + wide, y + tall)))
+            fragments.append((fragment, Window(x, y, x + wide, y + tall)))
     image, nearest = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32)
-    for fragment, cover, seen in reversed(fragments):
+    for fragment, seen in reversed(fragments):
         part = seen.within(fragment.window)
         disparity, behind, target = fragment.disparity[part], nearest[seen.slices], image[seen.slices]
-        share = np.where(disparity >= np.maximum(behind, solid[seen.slices]), cover[part], np.float32(0))
+        front = cv2.compare(disparity, cv2.max(behind, solid[seen.slices]), cv2.CMP_GE)
+        share = cv2.copyTo(fragment.coverage[part], front)
         target[:] = cv2.blendLinear(fragment.paint(seen), target, share, 1 - share)
-        np.copyto(behind, disparity, where=share > 0.5)
+        cv2.copyTo(disparity, cv2.inRange(share, 0.5, 1), behind)
     return image, nearest
 
 
@@ -70,13 +72,13 @@ def occlusion(disparity: Field, other: Field, sign: int) -> NDArray[np.bool_]:
     """
     height, width = disparity.shape
     match = np.arange(width, dtype=np.float32) + sign * disparity
-    column = np.floor(match).astype(np.int32)
-    rows = np.arange(height)[:, None]
-    seen = np.zeros(disparity.shape, bool)
+    column = np.floor(match)
+    row = np.broadcast_to(np.arange(height, dtype=np.float32)[:, None], disparity.shape)
+    seen = np.zeros(disparity.shape, np.uint8)
     for step in (0, 1):
-        there = other[rows, np.clip(column + step, 0, width - 1)]
-        seen |= np.abs(there - disparity) < 1
-    return ~seen | (match < 0) | (match > width - 1)
+        there = cv2.remap(other, column + step, row, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+        seen |= cv2.inRange(cv2.absdiff(there, disparity), 0, 1)
+    return (seen == 0) | (match < 0) | (match > width - 1)
 
 
 def render(

@@ -1,0 +1,146 @@
+"""Random changes to training pairs. Each is a function of the sample and a generator, so a run can be repeated."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from anynet.data.sample import StereoSample
+from anynet.errors import AnyNetError
+from anynet.render import MAX_DISPARITY, RenderedSample
+
+Rng = np.random.Generator
+Image = NDArray[np.uint8]
+
+
+def _cut(sample: StereoSample, window: tuple[slice, slice]) -> StereoSample:
+    """The same window of every picture and mask."""
+    parts: dict[str, Any] = {}
+    for entry in (f.name for f in fields(StereoSample)):
+        value = getattr(sample, entry)
+        parts[entry] = value[window] if isinstance(value, np.ndarray) else value
+    return StereoSample(**parts)
+
+
+def _window(shape: tuple[int, ...], size: tuple[int, int], rng: Rng, name: str) -> tuple[slice, slice]:
+    if shape[0] < size[0] or shape[1] < size[1]:
+        raise AnyNetError(f"{name}: a crop of {size[0]} x {size[1]} does not fit in {shape[0]} x {shape[1]} pixels")
+    y, x = (int(rng.integers(0, whole - part + 1)) for whole, part in zip(shape, size, strict=False))
+    return slice(y, y + size[0]), slice(x, x + size[1])
+
+
+def random_crop(sample: StereoSample, size: tuple[int, int], rng: Rng) -> StereoSample:
+    """A random window of `size` (height, width), the same in both views."""
+    return _cut(sample, _window(sample.disparity.shape, size, rng, sample.name))
+
+
+def mirrored(sample: RenderedSample) -> StereoSample:
+    """The right view, mirrored, as the left one: again a proper pair, with its own disparities."""
+    disparity = sample.right_disparity[:, ::-1]
+    return StereoSample(
+        left=sample.right[:, ::-1],
+        right=sample.left[:, ::-1],
+        disparity=disparity,
+        valid=disparity < MAX_DISPARITY,
+        noc=~sample.right_occluded[:, ::-1],
+        name=sample.name,
+    )
+
+
+def _rescaled(sample: StereoSample, size: tuple[int, int], scale: float, rng: Rng) -> StereoSample:
+    """A window of the sample scaled by `scale`, disparities with it. Only the window is resampled."""
+    height, width = size
+    shape = sample.disparity.shape
+    source = min(shape[0], max(1, round(height / scale))), min(shape[1], max(1, round(width / scale)))
+    part = _cut(sample, _window(shape, source, rng, sample.name))
+    ratio = width / source[1]
+    interpolation = cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR
+
+    def picture(image: Image) -> Image:
+        return cv2.resize(image, (width, height), interpolation=interpolation).astype(np.uint8, copy=False)
+
+    def mask(flags: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+        if flags is None:
+            return None
+        return cv2.resize(flags.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST).view(np.bool_)
+
+    disparity = cv2.resize(np.ascontiguousarray(part.disparity), (width, height), interpolation=cv2.INTER_NEAREST)
+    return StereoSample(
+        left=picture(part.left),
+        right=picture(part.right),
+        disparity=disparity.astype(np.float32, copy=False) * np.float32(ratio),
+        valid=mask(np.ascontiguousarray(part.valid)),  # type: ignore[arg-type]
+        noc=mask(None if part.noc is None else np.ascontiguousarray(part.noc)),
+        foreground=mask(None if part.foreground is None else np.ascontiguousarray(part.foreground)),
+        name=part.name,
+    )
+
+
+def _photometric(images: tuple[Image, Image], rng: Rng) -> tuple[Image, Image]:
+    """Exposure, gamma, contrast and colour, mostly shared by the eyes, partly each its own; channels permuted."""
+    order = rng.permutation(3) if rng.random() < 0.5 else np.arange(3)
+    gain, gamma, contrast = np.exp(rng.normal(0, 0.18)), np.exp(rng.normal(0, 0.2)), rng.uniform(0.7, 1.2)
+    apart = rng.choice([0.0, 1.0, 2.5], p=[0.3, 0.5, 0.2])
+    changed = []
+    for image in images:
+        own = np.exp(rng.normal(0, 0.05, 3) * apart + rng.normal(0, 0.04) * apart)
+        level = np.linspace(0, 1, 256)[:, None] ** (gamma * np.exp(rng.normal(0, 0.05) * apart))
+        table = ((level - 0.4) * contrast + 0.4) * gain * own
+        table = np.clip(255 * table, 0, 255).astype(np.uint8)
+        changed.append(cv2.LUT(image[..., order], table[:, None]).astype(np.uint8, copy=False))
+    return changed[0], changed[1]
+
+
+def _occlude(right: Image, rng: Rng) -> None:
+    """Hides up to two patches of the right view behind its mean colour or another part of it, in place."""
+    height, width = right.shape[:2]
+    for _ in range(rng.integers(1, 3)):
+        h, w = int(rng.integers(20, height // 3)), int(rng.integers(20, width // 4))
+        y, x = int(rng.integers(0, height - h)), int(rng.integers(0, width - w))
+        if rng.random() < 0.5:
+            right[y : y + h, x : x + w] = right[::8, ::8].mean((0, 1))
+        else:
+            y0, x0 = int(rng.integers(0, height - h)), int(rng.integers(0, width - w))
+            right[y : y + h, x : x + w] = right[y0 : y0 + h, x0 : x0 + w].copy()
+
+
+def augment(
+    sample: StereoSample,
+    crop: tuple[int, int],
+    rng: Rng,
+    *,
+    scales: tuple[float, float] = (0.7, 1.6),
+    photometric: bool = True,
+    occluders: float = 0.3,
+) -> StereoSample:
+    """A random crop (height, width) of the pair, changed at random in ways that keep it a proper pair.
+
+    Scale by a factor from `scales`, log-uniform (no smaller than the crop allows); upside down; for rendered pairs
+    also mirrored with the eyes exchanged; exposure and colour per eye; with probability `occluders`, patches of the
+    right view hidden (their truth stays: the network learns to fill in).
+    """
+    if isinstance(sample, RenderedSample) and rng.random() < 0.5:
+        sample = mirrored(sample)
+    shape = sample.disparity.shape
+    low = max(scales[0], crop[0] / shape[0], crop[1] / shape[1])
+    scale = float(np.exp(rng.uniform(np.log(low), np.log(max(low, scales[1])))))
+    sample = _rescaled(sample, crop, scale, rng)
+    images = sample.left, sample.right
+    if photometric:
+        images = _photometric(images, rng)
+    if rng.random() < occluders:
+        _occlude(images[1], rng)
+    flip = slice(None, None, -1 if rng.random() < 0.2 else 1)
+    return StereoSample(
+        left=images[0][flip],
+        right=images[1][flip],
+        disparity=sample.disparity[flip],
+        valid=sample.valid[flip] & (sample.disparity[flip] < MAX_DISPARITY),
+        noc=None if sample.noc is None else sample.noc[flip],
+        foreground=None if sample.foreground is None else sample.foreground[flip],
+        name=sample.name,
+    )

@@ -1,0 +1,38 @@
+"""Data sets by name, as configurations and the command line write them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from anynet.data.rendered import Rendered, RenderedFolder
+from anynet.data.sample import Concatenation, Dataset
+from anynet.errors import AnyNetError
+
+OPENERS: dict[str, Callable[[str, dict[str, str]], Dataset]] = {
+    "rendered": lambda root, options: RenderedFolder(root, **options),
+    "render": lambda count, options: Rendered(int(count), **{k: int(v) for k, v in options.items()}),
+}
+
+
+def open_dataset(spec: str) -> Dataset:
+    """Opens `kind:root` or `kind:root?option=value&option=value`, e.g. `kitti2015:data/kitti2015?split=val.txt`.
+
+    Raises AnyNetError for an unknown kind or option, and what the data set itself raises for a wrong root.
+    """
+    kind, colon, rest = spec.partition(":")
+    if not colon or kind not in OPENERS:
+        raise AnyNetError(f"data set {spec!r}: expected KIND:ROOT[?OPTION=VALUE&...] with KIND one of {', '.join(sorted(OPENERS))}")
+    root, _, query = rest.partition("?")
+    options = dict(part.partition("=")[::2] for part in query.split("&") if part)
+    try:
+        return OPENERS[kind](root, options)
+    except TypeError as error:
+        raise AnyNetError(f"data set {spec!r}: {error}") from None
+
+
+def open_datasets(specs: Sequence[str]) -> Dataset:
+    """All samples of several data sets, one after the other."""
+    datasets = [open_dataset(spec) for spec in specs]
+    if len(datasets) == 1:
+        return datasets[0]
+    return Concatenation("+".join(d.name for d in datasets), [(d, i) for d in datasets for i in range(len(d))])

@@ -1,0 +1,114 @@
+"""Rendered pairs as data sets: made on demand, or stored in a folder, one memory-mapped file per pair."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from anynet.data.sample import Dataset
+from anynet.errors import AnyNetError
+from anynet.render import MAX_DISPARITY, RenderedSample, render
+
+SCALE = 256  # stored disparities are uint16, in 1/256 pixel
+
+
+class Rendered(Dataset):
+    """`count` pairs rendered when asked for, from the seeds `seed`, `seed` + 1, ..."""
+
+    def __init__(self, count: int, seed: int = 0, height: int = 384, width: int = 768) -> None:
+        self.name = "rendered"
+        self._count, self._seed, self._size = count, seed, (height, width)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def load(self, index: int) -> RenderedSample:
+        return render(self._seed + index, *self._size)
+
+
+def _record(height: int, width: int) -> np.dtype[Any]:
+    image, plane = (height, width, 3), (2, height, width)
+    return np.dtype([("left", "u1", image), ("right", "u1", image), ("disparity", "<u2", plane), ("occluded", "?", plane)])
+
+
+def _store(path: Path, sample: RenderedSample) -> None:
+    record = np.zeros((), _record(*sample.disparity.shape))
+    record["left"], record["right"] = sample.left, sample.right
+    limit = np.iinfo(np.uint16).max
+    for view, disparity in enumerate((sample.disparity, sample.right_disparity)):
+        record["disparity"][view] = np.minimum(np.rint(disparity * SCALE), limit)
+    record["occluded"] = sample.occluded, sample.right_occluded
+    partial = path.with_suffix(".partial")
+    with partial.open("wb") as file:
+        np.save(file, record)
+    os.replace(partial, path)
+
+
+class RenderedFolder(Dataset):
+    """The pairs that `anynet render` wrote; images and disparities are read where they are used."""
+
+    def __init__(self, root: str | Path) -> None:
+        self.name = "rendered"
+        self._root = Path(root)
+        self._files = sorted(self._root.glob("*.npy"))
+        if not self._files:
+            raise AnyNetError(f"{root}: expected files NNNNNNN.npy written by `anynet render`, found none")
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    def load(self, index: int) -> RenderedSample:
+        path = self._files[index]
+        record: NDArray[Any] = np.load(path, mmap_mode="r")
+        disparity, right_disparity = record["disparity"].astype(np.float32) / SCALE
+        occluded, right_occluded = record["occluded"]
+        return RenderedSample(
+            left=record["left"],
+            right=record["right"],
+            disparity=disparity,
+            valid=disparity < MAX_DISPARITY,
+            noc=~occluded,
+            name=path.stem,
+            right_disparity=right_disparity,
+            occluded=occluded,
+            right_occluded=right_occluded,
+        )
+
+
+def _render_to(path: Path, seed: int, height: int, width: int) -> None:
+    cv2.setNumThreads(1)  # the processes share the cores
+    _store(path, render(seed, height, width))
+
+
+def write_rendered(root: Path, count: int, seed: int = 0, height: int = 384, width: int = 768, workers: int = 1) -> Iterator[int]:
+    """Renders pairs `seed` ... `seed` + `count` - 1 into a folder, yielding how many are there; files present are kept.
+
+    Raises AnyNetError if the folder holds pairs of another size.
+    """
+    root.mkdir(parents=True, exist_ok=True)
+    about = root / "render.json"
+    settings = {"height": height, "width": width}
+    if about.exists() and json.loads(about.read_text()) != settings:
+        raise AnyNetError(f"{root}: holds pairs rendered with {about.read_text().strip()}, asked for {json.dumps(settings)}")
+    about.write_text(json.dumps(settings))
+    wanted = {root / f"{number:07d}.npy": number for number in range(seed, seed + count)}
+    missing = {path: number for path, number in wanted.items() if not path.exists()}
+    done = count - len(missing)
+    yield done
+    with ProcessPoolExecutor(workers) as pool:
+        tasks = [pool.submit(_render_to, path, number, height, width) for path, number in missing.items()]
+        try:
+            for task in as_completed(tasks):
+                task.result()
+                done += 1
+                yield done
+        finally:
+            pool.shutdown(cancel_futures=True)
