@@ -23,6 +23,7 @@ COMMANDS = {
     "predict": ("predict", "Disparity, depth and point clouds from pairs of images."),
     "train": ("train", "Train a network from scratch."),
     "finetune": ("train", "Train weights further on other data."),
+    "render": ("render", "Stereo pairs with exact ground truth, rendered here."),
     "info": ("info", "What is installed: build, instruction set, threads, weights."),
 }
 

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from anynet.data.rendered import Rendered, RenderedFolder
 from anynet.data.sample import Concatenation, Dataset
 from anynet.errors import AnyNetError
 
-OPENERS: dict[str, Callable[[str, dict[str, str]], Dataset]] = {
-    "rendered": lambda root, options: RenderedFolder(root, **options),
-    "render": lambda count, options: Rendered(int(count), **{k: int(v) for k, v in options.items()}),
-}
+Options = dict[str, str]
+
+
+def _rendered(root: str, options: Options) -> Dataset:
+    from anynet.data.rendered import RenderedFolder  # the renderer's samples are samples of this package
+
+    return RenderedFolder(root, **options)
+
+
+def _render(count: str, options: Options) -> Dataset:
+    from anynet.data.rendered import Rendered
+
+    return Rendered(int(count), **{key: int(value) for key, value in options.items()})
+
+
+OPENERS: dict[str, Callable[[str, Options], Dataset]] = {"rendered": _rendered, "render": _render}
 
 
 def open_dataset(spec: str) -> Dataset:
@@ -21,7 +32,9 @@ def open_dataset(spec: str) -> Dataset:
     """
     kind, colon, rest = spec.partition(":")
     if not colon or kind not in OPENERS:
-        raise AnyNetError(f"data set {spec!r}: expected KIND:ROOT[?OPTION=VALUE&...] with KIND one of {', '.join(sorted(OPENERS))}")
+        raise AnyNetError(
+            f"data set {spec!r}: expected KIND:ROOT[?OPTION=VALUE&...] with KIND one of {', '.join(sorted(OPENERS))}"
+        )
     root, _, query = rest.partition("?")
     options = dict(part.partition("=")[::2] for part in query.split("&") if part)
     try:

@@ -36,7 +36,9 @@ class Rendered(Dataset):
 
 def _record(height: int, width: int) -> np.dtype[Any]:
     image, plane = (height, width, 3), (2, height, width)
-    return np.dtype([("left", "u1", image), ("right", "u1", image), ("disparity", "<u2", plane), ("occluded", "?", plane)])
+    return np.dtype(
+        [("left", "u1", image), ("right", "u1", image), ("disparity", "<u2", plane), ("occluded", "?", plane)]
+    )
 
 
 def _store(path: Path, sample: RenderedSample) -> None:
@@ -88,7 +90,9 @@ def _render_to(path: Path, seed: int, height: int, width: int) -> None:
     _store(path, render(seed, height, width))
 
 
-def write_rendered(root: Path, count: int, seed: int = 0, height: int = 384, width: int = 768, workers: int = 1) -> Iterator[int]:
+def write_rendered(
+    root: Path, count: int, seed: int = 0, height: int = 384, width: int = 768, workers: int = 1
+) -> Iterator[int]:
     """Renders pairs `seed` ... `seed` + `count` - 1 into a folder, yielding how many are there; files present are kept.
 
     Raises AnyNetError if the folder holds pairs of another size.
@@ -97,7 +101,9 @@ def write_rendered(root: Path, count: int, seed: int = 0, height: int = 384, wid
     about = root / "render.json"
     settings = {"height": height, "width": width}
     if about.exists() and json.loads(about.read_text()) != settings:
-        raise AnyNetError(f"{root}: holds pairs rendered with {about.read_text().strip()}, asked for {json.dumps(settings)}")
+        raise AnyNetError(
+            f"{root}: holds pairs rendered with {about.read_text().strip()}, asked for {json.dumps(settings)}"
+        )
     about.write_text(json.dumps(settings))
     wanted = {root / f"{number:07d}.npy": number for number in range(seed, seed + count)}
     missing = {path: number for path, number in wanted.items() if not path.exists()}

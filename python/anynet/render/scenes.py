@@ -53,7 +53,13 @@ class Scene:
         return kinds[int(self.rng.integers(len(kinds)))]
 
     def material(
-        self, kinds: Sequence[str], tile: float, light: float = 1.0, weak: float = 0.1, gloss: float = 0.0, opacity: float = 1.0
+        self,
+        kinds: Sequence[str],
+        tile: float,
+        light: float = 1.0,
+        weak: float = 0.1,
+        gloss: float = 0.0,
+        opacity: float = 1.0,
     ) -> Material:
         """A random material of one of `kinds`; `tile` in baselines, varied by half; `weak`: chance of faint texture."""
         rng = self.rng
@@ -73,12 +79,20 @@ class Scene:
     def shape(self, *kinds: str) -> tuple[str, int]:
         return self.pick(kinds), int(self.rng.integers(textures.VARIANTS))
 
-    def patch(self, origin: Vector, across: Vector, down: Vector, material: Material, cutout: tuple[str, int] | None = None) -> None:
+    def patch(
+        self, origin: Vector, across: Vector, down: Vector, material: Material, cutout: tuple[str, int] | None = None
+    ) -> None:
         t = self.tilt
         self.surfaces.append(Patch(t @ origin, t @ across, t @ down, material, cutout))
 
     def relief(
-        self, origin: Vector, across: Vector, down: Vector, material: Material, cutout: tuple[str, int] | None, depth: float
+        self,
+        origin: Vector,
+        across: Vector,
+        down: Vector,
+        material: Material,
+        cutout: tuple[str, int] | None,
+        depth: float,
     ) -> None:
         """`depth`: the surface swells by this share of its distance."""
         t = self.tilt
@@ -86,7 +100,13 @@ class Scene:
         self.surfaces.append(Relief(t @ origin, t @ across, t @ down, material, cutout, variant, depth))
 
     def quadric(
-        self, centre: Vector, frame: Vector, radii: Sequence[float], material: Material, flat: int = 1, taper: float = 0.0
+        self,
+        centre: Vector,
+        frame: Vector,
+        radii: Sequence[float],
+        material: Material,
+        flat: int = 1,
+        taper: float = 0.0,
     ) -> None:
         """`frame`: columns are the local axes; the third is a cylinder's or cone's own."""
         axes = (self.tilt @ frame / np.asarray(radii)).T
@@ -119,10 +139,28 @@ class Scene:
                 material = self.material(kind, tile, light, weak, gloss)
                 if same:
                     table = np.clip(shared.table * light, 0, 255).astype(np.uint8)  # type: ignore[operator]
-                    material = Material(shared.kind, shared.variant, shared.tile, shared.offset, shared.turn, table, 1.0, gloss, shared.glow)
+                    material = Material(
+                        shared.kind,
+                        shared.variant,
+                        shared.tile,
+                        shared.offset,
+                        shared.turn,
+                        table,
+                        1.0,
+                        gloss,
+                        shared.glow,
+                    )
                 self.patch(middle - (across + down) / 2, across, down, material)
 
-    def pole(self, foot: Vector, height: float, radius: float, lean: float = 0.02, kinds: Sequence[str] = ANY, taper: float = 0.0) -> None:
+    def pole(
+        self,
+        foot: Vector,
+        height: float,
+        radius: float,
+        lean: float = 0.02,
+        kinds: Sequence[str] = ANY,
+        taper: float = 0.0,
+    ) -> None:
         rng = self.rng
         frame = rotation(0, np.pi / 2 + rng.normal(0, lean), rng.normal(0, lean))
         axis = frame[:, 2] * (1 if frame[1, 2] < 0 else -1)
@@ -139,11 +177,28 @@ class Scene:
         skew = np.array([self.rng.normal(0, 0.3) * width, -1e-3 * abs(foot[1]), 0])
         self.patch(foot + skew - (reach[0] + reach[1]) / 2, *reach, material, self.shape("soft", "blob"))
 
-    def card(self, centre: Vector, width: float, height: float, frame: Vector, material: Material, cutout: tuple[str, int] | None) -> None:
+    def card(
+        self,
+        centre: Vector,
+        width: float,
+        height: float,
+        frame: Vector,
+        material: Material,
+        cutout: tuple[str, int] | None,
+    ) -> None:
         across, down = frame[:, 0] * width, frame[:, 1] * height
         self.patch(centre - (across + down) / 2, across, down, material, cutout)
 
-    def cloth(self, centre: Vector, width: float, height: float, frame: Vector, kinds: Sequence[str], cut: Sequence[str], swell: float) -> None:
+    def cloth(
+        self,
+        centre: Vector,
+        width: float,
+        height: float,
+        frame: Vector,
+        kinds: Sequence[str],
+        cut: Sequence[str],
+        swell: float,
+    ) -> None:
         """A curved piece: cloth, rock, cushion; `swell` as a share of its distance."""
         across, down = frame[:, 0] * width, frame[:, 1] * height
         cutout = self.shape(*cut) if cut else None
@@ -171,18 +226,38 @@ class Scene:
             for _ in range(3):
                 frame = rotation(rng.normal(0, 0.7))
                 material = self.material(("wood", "noise"), height, 0.5)
-                self.card(crown - [0, height * 0.2, 0], height * 0.7, height * 0.6, frame, material, self.shape("branches"))
+                self.card(
+                    crown - [0, height * 0.2, 0], height * 0.7, height * 0.6, frame, material, self.shape("branches")
+                )
         else:
-            self.bush(crown + [0, height * 0.1, 0], height * rng.uniform(0.5, 0.9), height - trunk, int(rng.integers(2, 5)))
+            self.bush(
+                crown + [0, height * 0.1, 0], height * rng.uniform(0.5, 0.9), height - trunk, int(rng.integers(2, 5))
+            )
 
     def person(self, foot: Vector, height: float) -> None:
         rng, upright = self.rng, rotation(rng_angle(self.rng), np.pi / 2)
         cloth = ("plain", "noise", "fabric", "stripes", "photo")
         for side in (-1, 1):
             leg = foot + [side * height * 0.06, -height * 0.24, rng.normal(0, 0.05) * height]
-            self.quadric(leg, rotation(0, np.pi / 2 + rng.normal(0, 0.15)), (height * 0.045, height * 0.05, height * 0.24), self.material(cloth, height * 0.4), 0)
-        self.quadric(foot - [0, height * 0.66, 0], upright, (height * 0.13, height * 0.09, height * 0.22), self.material(cloth, height * 0.4))
-        self.quadric(foot - [0, height * 0.93, 0], upright, (height * 0.055, height * 0.065, height * 0.075), self.material(("plain", "noise"), height * 0.2))
+            self.quadric(
+                leg,
+                rotation(0, np.pi / 2 + rng.normal(0, 0.15)),
+                (height * 0.045, height * 0.05, height * 0.24),
+                self.material(cloth, height * 0.4),
+                0,
+            )
+        self.quadric(
+            foot - [0, height * 0.66, 0],
+            upright,
+            (height * 0.13, height * 0.09, height * 0.22),
+            self.material(cloth, height * 0.4),
+        )
+        self.quadric(
+            foot - [0, height * 0.93, 0],
+            upright,
+            (height * 0.055, height * 0.065, height * 0.075),
+            self.material(("plain", "noise"), height * 0.2),
+        )
 
     def car(self, foot: Vector, yaw: float, unit: float) -> None:
         """Body, cabin and wheels; painted, hardly textured, mirroring."""
@@ -192,9 +267,26 @@ class Scene:
         lift = unit * 0.4
         up = np.array([0, -1.0, 0])
         self.shadow(foot, width * 1.3, length * 1.1)
-        self.box(foot + up * lift, (width, body, length), frame, ("plain", "plain", "noise"), unit * 4, weak=0.6, gloss=rng.uniform(0.1, 0.4), same=True)
+        self.box(
+            foot + up * lift,
+            (width, body, length),
+            frame,
+            ("plain", "plain", "noise"),
+            unit * 4,
+            weak=0.6,
+            gloss=rng.uniform(0.1, 0.4),
+            same=True,
+        )
         back = frame[:, 2] * length * rng.uniform(-0.1, 0.1)
-        self.box(foot + up * (lift + body) + back, (width * 0.86, cabin, length * rng.uniform(0.45, 0.65)), frame, ("facade", "plain", "leaves"), unit * 3, weak=0.3, gloss=rng.uniform(0.3, 0.6))
+        self.box(
+            foot + up * (lift + body) + back,
+            (width * 0.86, cabin, length * rng.uniform(0.45, 0.65)),
+            frame,
+            ("facade", "plain", "leaves"),
+            unit * 3,
+            weak=0.3,
+            gloss=rng.uniform(0.3, 0.6),
+        )
         side = -1.0 if frame[:, 0] @ foot > 0 else 1.0
         black = Material("gravel", int(rng.integers(textures.VARIANTS)), unit * 2, table=tone(rng, 0.35))
         for along in (-0.31, 0.31):
@@ -207,7 +299,14 @@ class Scene:
         self.pole(foot, height, unit * rng.uniform(0.06, 0.14), 0.02, ("plain", "gravel"))
         cutout = (None, ("ellipse", 0), self.shape("polygon"))[int(rng.integers(3))]
         material = self.material(("poster", "text", "plain"), side * 1.5)
-        self.card(foot - [0, height, 0.2 * unit], side, side * rng.uniform(0.6, 1.3), rotation(rng.normal(0, 0.4)), material, cutout)
+        self.card(
+            foot - [0, height, 0.2 * unit],
+            side,
+            side * rng.uniform(0.6, 1.3),
+            rotation(rng.normal(0, 0.4)),
+            material,
+            cutout,
+        )
 
     def thing(self, centre: Vector, size: float, upright: bool) -> None:
         """Any object of about this size; `centre` is its middle, and it stands straight if `upright`."""
@@ -219,35 +318,77 @@ class Scene:
         aspect = float(rng.uniform(0.4, 1.6))
         kind = rng.choice(9, p=[0.22, 0.16, 0.14, 0.12, 0.08, 0.12, 0.06, 0.06, 0.04])
         if kind == 0:
-            self.box(foot, (size * rng.uniform(0.3, 1.2), size, size * rng.uniform(0.2, 1.0)), spin, ANY, size, 0.25, gloss, rng.random() < 0.5)
+            self.box(
+                foot,
+                (size * rng.uniform(0.3, 1.2), size, size * rng.uniform(0.2, 1.0)),
+                spin,
+                ANY,
+                size,
+                0.25,
+                gloss,
+                rng.random() < 0.5,
+            )
         elif kind == 1:
             cutout = None if rng.random() < 0.4 else self.shape("polygon", "ellipse", "blob", "ring")
             opacity = float(rng.choice([1, 1, 1, 1, 1, 1, 0.3, 0.75]))
-            self.card(centre, size * aspect, size, slant, self.material(ANY, size, weak=0.15, gloss=gloss, opacity=opacity), cutout)
+            self.card(
+                centre,
+                size * aspect,
+                size,
+                slant,
+                self.material(ANY, size, weak=0.15, gloss=gloss, opacity=opacity),
+                cutout,
+            )
         elif kind == 2:
             radii = size / 2 * rng.uniform(0.5, 1.1, 3)
             self.quadric(centre, spin, radii, self.material(ANY, size, weak=0.25, gloss=gloss))
         elif kind == 3:  # cup, tin, flowerpot
             frame = rotation(0, -np.pi / 2) if upright else spin
             radius, taper = size * rng.uniform(0.15, 0.5), rng.uniform(-0.35, 0.35)
-            self.quadric(centre, frame, (radius, radius, size / 2), self.material(ANY, size, weak=0.3, gloss=gloss), 0, taper)
+            self.quadric(
+                centre, frame, (radius, radius, size / 2), self.material(ANY, size, weak=0.3, gloss=gloss), 0, taper
+            )
             if upright:
                 top = 2 * radius * (1 + taper)
-                self.card(centre - [0, size / 2, 0], top, top, rotation(0, np.pi / 2), self.material(ANY, size, 0.5, weak=0.4), ("ellipse", 0))
+                self.card(
+                    centre - [0, size / 2, 0],
+                    top,
+                    top,
+                    rotation(0, np.pi / 2),
+                    self.material(ANY, size, 0.5, weak=0.4),
+                    ("ellipse", 0),
+                )
         elif kind == 4:  # stick, pencil, broom
             frame = slant @ rotation(0, np.pi / 2)
             radius = size * rng.uniform(0.01, 0.05)
-            self.quadric(centre, frame, (radius, radius, size * rng.uniform(0.6, 1.2)), self.material(ANY, size, weak=0.4), 0)
+            self.quadric(
+                centre, frame, (radius, radius, size * rng.uniform(0.6, 1.2)), self.material(ANY, size, weak=0.4), 0
+            )
         elif kind == 5:
             swell = float(np.clip(size / max(centre[2], 1e-3) * rng.uniform(0.1, 0.35), 0.01, 0.13))
-            self.cloth(centre, size * aspect, size, slant, (*ANY, "fabric", "leaves", "noise"), ("blob", "polygon", "blob") if rng.random() < 0.8 else (), swell)
+            self.cloth(
+                centre,
+                size * aspect,
+                size,
+                slant,
+                (*ANY, "fabric", "leaves", "noise"),
+                ("blob", "polygon", "blob") if rng.random() < 0.8 else (),
+                swell,
+            )
         elif kind == 6:
             material = self.material(("foliage", "noise", "plain", "wood"), size)
             for _ in range(rng.integers(1, 4)):
                 frame = rotation(rng.normal(0, 0.6), rng.normal(0, 0.3))
                 self.card(centre, size * aspect, size, frame, material, self.shape("fronds", "branches", "canopy"))
         elif kind == 7:
-            self.card(centre, size * aspect * 1.5, size, slant, self.material(ANY, size, weak=0.4), self.shape("fence", "wires", "ring"))
+            self.card(
+                centre,
+                size * aspect * 1.5,
+                size,
+                slant,
+                self.material(ANY, size, weak=0.4),
+                self.shape("fence", "wires", "ring"),
+            )
         else:
             self.bush(foot, size, size, 3)
 
@@ -261,7 +402,9 @@ def _tilt(rng: Rng, amount: float) -> Vector:
 
 
 def _camera(rng: Rng, height: int, width: int, focal: tuple[float, float], horizon: tuple[float, float]) -> Camera:
-    return Camera(width, height, width * rng.uniform(*focal), width * rng.uniform(0.4, 0.6), height * rng.uniform(*horizon))
+    return Camera(
+        width, height, width * rng.uniform(*focal), width * rng.uniform(0.4, 0.6), height * rng.uniform(*horizon)
+    )
 
 
 def _sky(scene: Scene) -> None:
@@ -292,7 +435,9 @@ def street(rng: Rng, height: int, width: int) -> Scene:
         wide, tall = 3 * z * width / camera.focal, rng.uniform(0.05, 0.45) * z * height / camera.focal
         cut = scene.shape("blob", "canopy") if rng.random() < 0.4 else None
         material = scene.material(("foliage", "facade", "leaves", "noise"), tall * 1.5, rng.uniform(0.5, 1.2))
-        scene.patch(np.array([-wide / 2, eye - tall, z]), np.array([wide, 0, 0]), np.array([0, tall * 1.02, 0]), material, cut)
+        scene.patch(
+            np.array([-wide / 2, eye - tall, z]), np.array([wide, 0, 0]), np.array([0, tall * 1.02, 0]), material, cut
+        )
     road = unit * rng.uniform(4, 13)  # half its width
     _ground(scene, eye, ("gravel", "gravel", "gravel", "plain", "bricks", "noise"), unit * 5, near, far)
     for side in (-1, 1):
@@ -303,7 +448,12 @@ def street(rng: Rng, height: int, width: int) -> Scene:
             start = np.array([min(inner, outer), eye - kerb - 1e-3, near])
             scene.patch(start, np.array([abs(outer - inner), 0, 0]), np.array([0, 0, far - near]), material)
             if kerb:
-                scene.patch(np.array([inner, eye - kerb, near]), np.array([0, 0, far - near]), np.array([0, kerb, 0]), scene.material(("gravel",), unit * 2))
+                scene.patch(
+                    np.array([inner, eye - kerb, near]),
+                    np.array([0, 0, far - near]),
+                    np.array([0, kerb, 0]),
+                    scene.material(("gravel",), unit * 2),
+                )
         foot_y = eye - kerb
         wall = side * (road + unit * rng.uniform(1, 14))
         z = near + unit * rng.uniform(0, 30)
@@ -314,12 +464,31 @@ def street(rng: Rng, height: int, width: int) -> Scene:
             place = np.array([wall + side * deep / 2, foot_y, z + length / 2])
             if style == 0 and rng.random() < 0.85:
                 size = (deep, unit * rng.uniform(4, 35), length)
-                scene.box(place, size, rotation(rng.normal(0, 0.03)), ("facade", "facade", "bricks", "gravel", "plain"), unit * 14, weak=0.1)
+                scene.box(
+                    place,
+                    size,
+                    rotation(rng.normal(0, 0.03)),
+                    ("facade", "facade", "bricks", "gravel", "plain"),
+                    unit * 14,
+                    weak=0.1,
+                )
             elif style == 1:
                 if rng.random() < 0.5:
-                    scene.box(place, (deep, unit * rng.uniform(2, 7), length), rotation(0), ("foliage", "leaves"), unit * 5, weak=0)
+                    scene.box(
+                        place,
+                        (deep, unit * rng.uniform(2, 7), length),
+                        rotation(0),
+                        ("foliage", "leaves"),
+                        unit * 5,
+                        weak=0,
+                    )
                 for k in np.arange(0, length, unit * rng.uniform(5, 12)):
-                    scene.bush(np.array([wall + side * rng.uniform(0, 3) * unit, foot_y, z + k]), unit * rng.uniform(4, 10), unit * rng.uniform(3, 12), 1)
+                    scene.bush(
+                        np.array([wall + side * rng.uniform(0, 3) * unit, foot_y, z + k]),
+                        unit * rng.uniform(4, 10),
+                        unit * rng.uniform(3, 12),
+                        1,
+                    )
             z += length + unit * rng.choice([0.0, 0.0, rng.uniform(2, 30)])
         spot = near + unit * rng.uniform(2, 12)
         while spot < far * 0.3:  # along the kerb
@@ -336,7 +505,14 @@ def street(rng: Rng, height: int, width: int) -> Scene:
             elif what == 4:
                 scene.bush(place, unit * rng.uniform(2, 6), unit * rng.uniform(1.5, 5), 3)
             elif what == 5:
-                scene.card(place - [0, unit, 0], unit * rng.uniform(4, 12), unit * 2, rotation(np.pi / 2), scene.material(ANY, unit * 3), scene.shape("fence"))
+                scene.card(
+                    place - [0, unit, 0],
+                    unit * rng.uniform(4, 12),
+                    unit * 2,
+                    rotation(np.pi / 2),
+                    scene.material(ANY, unit * 3),
+                    scene.shape("fence"),
+                )
             else:
                 size = unit * rng.uniform(0.8, 3, 3)
                 scene.box(place, size, rotation(rng_angle(rng)), ANY, unit * 3)
@@ -346,19 +522,36 @@ def street(rng: Rng, height: int, width: int) -> Scene:
         for lane in np.arange(-road + unit * 0.5, road, road / rng.integers(1, 4)):
             dash, gap = unit * rng.uniform(3, 8), unit * rng.choice([0.01, rng.uniform(4, 12)])
             for z in np.arange(near, far * 0.3, dash + gap)[:12]:
-                scene.patch(np.array([lane, eye - 2e-3, z]), np.array([unit * 0.25, 0, 0]), np.array([0, 0, dash]), white)
+                scene.patch(
+                    np.array([lane, eye - 2e-3, z]), np.array([unit * 0.25, 0, 0]), np.array([0, 0, dash]), white
+                )
     for _ in range(rng.integers(0, 5)):  # shadows of what stands beside the road
-        scene.shadow(np.array([rng.uniform(-road, road), eye, rng.uniform(near, far * 0.2)]), unit * rng.uniform(3, 20), unit * rng.uniform(3, 20))
+        scene.shadow(
+            np.array([rng.uniform(-road, road), eye, rng.uniform(near, far * 0.2)]),
+            unit * rng.uniform(3, 20),
+            unit * rng.uniform(3, 20),
+        )
     for _ in range(rng.integers(0, 9)):
         z = camera.focal / np.exp(rng.uniform(np.log(4), np.log(70)))
         lane = rng.uniform(-1, 1) * road
-        scene.car(np.array([lane, eye, z]), float(rng.choice([0, np.pi]) + rng.normal(0, 0.08) if rng.random() < 0.75 else rng_angle(rng)), unit)
+        scene.car(
+            np.array([lane, eye, z]),
+            float(rng.choice([0, np.pi]) + rng.normal(0, 0.08) if rng.random() < 0.75 else rng_angle(rng)),
+            unit,
+        )
     for _ in range(rng.poisson(1.0)):
         z = camera.focal / rng.uniform(6, 60)
         scene.person(np.array([rng.uniform(-1, 1) * road, eye, z]), unit * rng.uniform(2.6, 3.6))
     if rng.random() < 0.15:  # overhead wires
         z = camera.focal / rng.uniform(8, 40)
-        scene.card(np.array([0, -unit * rng.uniform(2, 8), z]), 2 * z, z / 3, rotation(rng.normal(0, 0.4)), scene.material(("plain",), unit, 0.3), scene.shape("wires"))
+        scene.card(
+            np.array([0, -unit * rng.uniform(2, 8), z]),
+            2 * z,
+            z / 3,
+            rotation(rng.normal(0, 0.4)),
+            scene.material(("plain",), unit, 0.3),
+            scene.shape("wires"),
+        )
     return scene
 
 
@@ -374,19 +567,43 @@ def room(rng: Rng, height: int, width: int) -> Scene:
     walls = (*ANY, "plain", "fabric", "poster")
     centre = np.array([0, 0, z])
     if rng.random() < 0.25:
-        scene.cloth(centre, 0.5 * wide, 0.5 * tall, frame, ("fabric", "leaves", "photo", "noise", "poster"), (), rng.uniform(0.03, 0.12))
+        scene.cloth(
+            centre,
+            0.5 * wide,
+            0.5 * tall,
+            frame,
+            ("fabric", "leaves", "photo", "noise", "poster"),
+            (),
+            rng.uniform(0.03, 0.12),
+        )
         centre = centre * 1.15
     scene.card(centre, wide, tall, frame, scene.material(walls, 0.7 * z * height / camera.focal, weak=0.3), None)
     if rng.random() < 0.35:  # a second wall, in a corner
         sign = rng.choice([-1, 1])
         corner = rotation(sign * rng.uniform(0.6, 1.4))
         reach = wide / 4 * rng.uniform(0.2, 0.9)
-        scene.card(np.array([-sign * reach, 0, z - 0.15 * wide]), wide * 0.4, tall, corner, scene.material(walls, 0.5 * z * height / camera.focal, weak=0.3), None)
+        scene.card(
+            np.array([-sign * reach, 0, z - 0.15 * wide]),
+            wide * 0.4,
+            tall,
+            corner,
+            scene.material(walls, 0.5 * z * height / camera.focal, weak=0.3),
+            None,
+        )
     for _ in range(rng.integers(0, 5)):  # posters, windows, stains on the wall
-        spot = centre + frame @ (np.array([rng.uniform(-0.12, 0.12) * wide, rng.uniform(-0.12, 0.12) * tall, -z * 2e-3]))
+        spot = centre + frame @ (
+            np.array([rng.uniform(-0.12, 0.12) * wide, rng.uniform(-0.12, 0.12) * tall, -z * 2e-3])
+        )
         side = tall * rng.uniform(0.02, 0.12)
         cutout = scene.shape("soft", "polygon", "ring") if rng.random() < 0.3 else None
-        scene.card(spot, side * rng.uniform(0.5, 2), side, frame, scene.material(ANY, side, opacity=rng.choice([1, 1, 0.4])), cutout)
+        scene.card(
+            spot,
+            side * rng.uniform(0.5, 2),
+            side,
+            frame,
+            scene.material(ANY, side, opacity=rng.choice([1, 1, 0.4])),
+            cutout,
+        )
     table = None
     if rng.random() < 0.65:
         row = camera.cy + rng.uniform(0.15, 0.45) * height
@@ -422,7 +639,13 @@ def ground(rng: Rng, height: int, width: int) -> Scene:
         cut = scene.shape("blob", "canopy") if k or rng.random() < 0.3 else None
         shift = np.array([rng.normal(0, 0.2) * wide, 0, -0.2 * z * k])
         turn = rotation(rng.normal(0, 0.3))[:, 0] * wide
-        scene.patch(base + shift, turn, np.array([0, tall * 1.05, 0]), scene.material(kinds, tall * rng.uniform(0.3, 1), weak=0.2), cut)
+        scene.patch(
+            base + shift,
+            turn,
+            np.array([0, tall * 1.05, 0]),
+            scene.material(kinds, tall * rng.uniform(0.3, 1), weak=0.2),
+            cut,
+        )
     near, floor = camera.focal / 185, ("gravel", "foliage", "noise", "bricks", "leaves", "photo", "wood")
     _ground(scene, level, floor, level * 1.5, near, z * 1.1)
     for _ in range(rng.integers(3, 22)):
@@ -453,9 +676,18 @@ def things(rng: Rng, height: int, width: int) -> Scene:
     z = camera.focal / back
     wide, tall = 5 * z * width / camera.focal, 5 * z * height / camera.focal
     frame = rotation(rng.normal(0, 0.25), rng.normal(0, 0.25))
-    scene.card(np.array([0, 0, z]), wide, tall, frame, scene.material(ANY, 0.7 * z * height / camera.focal, weak=0.15), None)
+    scene.card(
+        np.array([0, 0, z]), wide, tall, frame, scene.material(ANY, 0.7 * z * height / camera.focal, weak=0.15), None
+    )
     if rng.random() < 0.4:
-        _ground(scene, (height - camera.cy) / rng.uniform(50, 150), ANY, 0.5 * z * height / camera.focal, camera.focal / 185, z * 1.1)
+        _ground(
+            scene,
+            (height - camera.cy) / rng.uniform(50, 150),
+            ANY,
+            0.5 * z * height / camera.focal,
+            camera.focal / 185,
+            z * 1.1,
+        )
     for _ in range(rng.integers(8, 36)):
         d = back * (front / back) ** rng.uniform(0, 1)
         size = height * float(np.exp(rng.uniform(np.log(0.08), np.log(0.7)))) / d
@@ -463,4 +695,9 @@ def things(rng: Rng, height: int, width: int) -> Scene:
     return scene
 
 
-PRESETS: dict[str, Callable[[Rng, int, int], Scene]] = {"street": street, "room": room, "ground": ground, "things": things}
+PRESETS: dict[str, Callable[[Rng, int, int], Scene]] = {
+    "street": street,
+    "room": room,
+    "ground": ground,
+    "things": things,
+}

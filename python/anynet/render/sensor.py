@@ -43,7 +43,9 @@ def photograph(rng: Rng, left: Image, right: Image) -> tuple[Image, Image]:
         grain = _grain()
         y, x = rng.integers(0, grain.shape[0] - height + 1), rng.integers(0, grain.shape[1] - width + 1)
         amount = noise / GRAIN
-        images.append(cv2.addWeighted(image, 1, grain[y : y + height, x : x + width], amount, -128 * amount).astype(np.uint8))
+        images.append(
+            cv2.addWeighted(image, 1, grain[y : y + height, x : x + width], amount, -128 * amount).astype(np.uint8)
+        )
     if rng.random() < 0.5:
         angle, dy = rng.normal(0, 0.0006), float(np.clip(rng.normal(0, 0.35), -1, 1))
         height, width = right.shape[:2]

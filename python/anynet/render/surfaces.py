@@ -89,7 +89,9 @@ class Fragment(NamedTuple):
     window: Window
     disparity: Field  # [h, w]
     coverage: Field  # [h, w], 0..1
-    paint: Callable[[Window], Image]  # colours [h, w, 3] of a part of the window; costly, so asked only for what is seen
+    paint: Callable[
+        [Window], Image
+    ]  # colours [h, w, 3] of a part of the window; costly, so asked only for what is seen
 
 
 class Surface(Protocol):
@@ -242,7 +244,9 @@ class Patch:
             middle = camera.focal / max(self.depth, NEAREST)
             level = _level(pyramid, np.sqrt(abs(np.linalg.det(texels))) * middle**-1.5)
             flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-            mask = cv2.warpPerspective(pyramid[level], _scaled(level) @ texels, window.size, flags=flags).astype(np.uint8, copy=False)
+            mask = cv2.warpPerspective(pyramid[level], _scaled(level) @ texels, window.size, flags=flags).astype(
+                np.uint8, copy=False
+            )
         return mask.astype(np.float32) * np.float32(1 / 255)
 
 
@@ -383,7 +387,9 @@ class Quadric:
         level = _level(pyramid, 1 / pixels)
         texels = _scaled(level) @ texels
         mapped = _affine(texels[0], across, along), _affine(texels[1], across, along)
-        colour = cv2.remap(pyramid[level], *mapped, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP).astype(np.uint8, copy=False)
+        colour = cv2.remap(pyramid[level], *mapped, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP).astype(
+            np.uint8, copy=False
+        )
         towards = self.axes @ (self.light / np.linalg.norm(self.light)) * np.array([1, 1, self.flat])
         towards /= max(float(np.linalg.norm(towards)), 1e-6)
         glow = sum(np.float32(a) * c for a, c in zip(towards, s, strict=True))

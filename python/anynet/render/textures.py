@@ -86,7 +86,9 @@ def _scatter(rng: Rng, canvas: Image, count: int, radii: tuple[float, float], co
             cv2.fillPoly(canvas, [np.round(points).astype(np.int32)], fill, cv2.LINE_AA)
         else:
             axes = (max(1, round(r)), max(1, round(r * rng.uniform(0.25, 1))))
-            cv2.ellipse(canvas, np.round(c).astype(int).tolist(), axes, rng.uniform(0, 180), 0, 360, fill, -1, cv2.LINE_AA)
+            cv2.ellipse(
+                canvas, np.round(c).astype(int).tolist(), axes, rng.uniform(0, 180), 0, 360, fill, -1, cv2.LINE_AA
+            )
 
 
 def _blank(rng: Rng, saturation: float = 0.35) -> Image:
@@ -118,7 +120,9 @@ def _gravel(rng: Rng) -> Image:
     slow = octaves(rng, SIZE, 0.5)
     base = colour(rng, 0.08)
     strength = rng.uniform(0.05, 0.4)
-    return modulate(modulate(ramp(fine, np.stack([base * (1 - strength), base * (1 + strength)])), slow, 0.15), fine, 0.1)
+    return modulate(
+        modulate(ramp(fine, np.stack([base * (1 - strength), base * (1 + strength)])), slow, 0.15), fine, 0.1
+    )
 
 
 def _bricks(rng: Rng) -> Image:
@@ -161,7 +165,9 @@ def _facade(rng: Rng) -> Image:
             cv2.rectangle(canvas, (box[:2] + 3).tolist(), (box[2:] - 3).tolist(), pane.tolist(), -1)
             if rng.random() < 0.3:  # blind, half down
                 fall = int((box[3] - box[1]) * rng.uniform(0.2, 0.9))
-                cv2.rectangle(canvas, (box[:2] + 3).tolist(), (int(box[2] - 3), int(box[1] + fall)), (frame * 0.8).tolist(), -1)
+                cv2.rectangle(
+                    canvas, (box[:2] + 3).tolist(), (int(box[2] - 3), int(box[1] + fall)), (frame * 0.8).tolist(), -1
+                )
             middle = int((box[0] + box[2]) // 2)
             cv2.line(canvas, (middle, int(box[1])), (middle, int(box[3])), frame.tolist(), 2)
     return modulate(canvas, octaves(rng, SIZE, 0.7), rng.uniform(0.05, 0.25))
@@ -186,7 +192,16 @@ def _write(rng: Rng, canvas: Image, lines: int) -> None:
             break
         text = "".join(chr(c) for c in rng.integers(33, 122, rng.integers(2, max(3, int(22 / scale)))))
         where = (int(rng.uniform(0, 30)), int(y))
-        cv2.putText(canvas, text, where, int(rng.choice(fonts)), scale, colour(rng).tolist(), max(1, int(2 * scale)), cv2.LINE_AA)
+        cv2.putText(
+            canvas,
+            text,
+            where,
+            int(rng.choice(fonts)),
+            scale,
+            colour(rng).tolist(),
+            max(1, int(2 * scale)),
+            cv2.LINE_AA,
+        )
 
 
 def _text(rng: Rng) -> Image:
@@ -203,7 +218,9 @@ def _poster(rng: Rng) -> Image:
         cv2.rectangle(canvas, a.tolist(), (a + b).tolist(), colour(rng, 0.5).tolist(), int(rng.choice([-1, -1, 2, 5])))
     for _ in range(rng.integers(0, 12)):
         centre, radius = rng.integers(0, SIZE, 2), int(rng.integers(4, 80))
-        cv2.circle(canvas, centre.tolist(), radius, colour(rng, 0.5).tolist(), int(rng.choice([-1, -1, 2])), cv2.LINE_AA)
+        cv2.circle(
+            canvas, centre.tolist(), radius, colour(rng, 0.5).tolist(), int(rng.choice([-1, -1, 2])), cv2.LINE_AA
+        )
     for _ in range(rng.integers(0, 12)):
         a, b = rng.integers(0, SIZE, (2, 2))
         cv2.line(canvas, a.tolist(), b.tolist(), colour(rng).tolist(), int(rng.integers(1, 4)), cv2.LINE_AA)
@@ -316,7 +333,14 @@ def _branches(rng: Rng) -> Image:
     while stack:
         start, angle, length, width = stack.pop()
         end = start + length * np.array([np.cos(angle), np.sin(angle)])
-        cv2.line(mask, np.round(start).astype(int).tolist(), np.round(end).astype(int).tolist(), 255, max(1, round(width)), cv2.LINE_AA)
+        cv2.line(
+            mask,
+            np.round(start).astype(int).tolist(),
+            np.round(end).astype(int).tolist(),
+            255,
+            max(1, round(width)),
+            cv2.LINE_AA,
+        )
         if length > 14:
             for _ in range(rng.integers(2, 4)):
                 stack.append((end, angle + rng.normal(0, 0.55), length * rng.uniform(0.55, 0.85), width * 0.65))
