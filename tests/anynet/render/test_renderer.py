@@ -34,8 +34,9 @@ def test_disparities_of_the_two_views_agree(sample: RenderedSample, view: str) -
     inside = ~occluded & smooth(mine) & (seen_through(smooth(other).astype(np.float32), mine, sign) > 0.99)
     assert inside.mean() > 0.3
     error = np.abs(seen_through(other, mine, sign) - mine)[inside]
-    assert np.percentile(error, 99) < 0.02
-    assert error.mean() < 0.01
+    assert np.median(error) < 1e-3  # planes are exact; on curves `other` is interpolated
+    assert np.percentile(error, 99) < 0.05
+    assert error.mean() < 0.02
 
 
 def test_right_view_warped_by_the_disparity_is_the_left_view(sample: RenderedSample) -> None:
