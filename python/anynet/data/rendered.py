@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -109,7 +110,8 @@ def write_rendered(
     missing = {path: number for path, number in wanted.items() if not path.exists()}
     done = count - len(missing)
     yield done
-    with ProcessPoolExecutor(workers) as pool:
+    # Not forked: OpenCV's threads do not survive it.
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         tasks = [pool.submit(_render_to, path, number, height, width) for path, number in missing.items()]
         try:
             for task in as_completed(tasks):
