@@ -7,6 +7,7 @@ from anynet_ext import reference
 from anynet_ext._conv import conv3x3, conv3x3x3
 from anynet_ext._cost_volume import cost_volume
 from anynet_ext._library import build_info
+from anynet_ext._resize import resize
 from anynet_ext._soft_argmin import soft_argmin
 from anynet_ext._spatial_propagation import spatial_propagation
 from anynet_ext._warp import warp
@@ -17,6 +18,7 @@ __all__ = [
     "conv3x3x3",
     "cost_volume",
     "reference",
+    "resize",
     "soft_argmin",
     "spatial_propagation",
     "warp",

@@ -105,3 +105,17 @@ def conv3x3(
 
 
 conv3x3x3 = conv3x3
+
+
+def resize(
+    input: Tensor,
+    size: tuple[int, int],
+    *,
+    scale: float = 1.0,
+    add: Tensor | None = None,
+    align_corners: bool = False,
+) -> Tensor:
+    """add + scale * bilinear(input)"""
+    (wide,) = _widen(input)
+    out = scale * F.interpolate(wide, size, mode="bilinear", align_corners=align_corners)
+    return (out if add is None else out + _widen(add)[0]).to(input.dtype)

@@ -1,0 +1,88 @@
+"""Bilinear resize, scaled and added."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
+from anynet_ext._register import register
+
+
+def resize(
+    input: Tensor,
+    size: tuple[int, int],
+    *,
+    scale: float = 1.0,
+    add: Tensor | None = None,
+    align_corners: bool = False,
+) -> Tensor:
+    """`add + scale * bilinear(input)`: what `torch.nn.functional.interpolate` computes, several times faster.
+
+    With disparity, `scale` is the ratio of the widths: a disparity counts pixels of the tensor it belongs to.
+
+    Args:
+        input: [N, C, h, w], h and w >= 1. float32, float64, float16 or bfloat16, any layout.
+        size: (H, W) of the result.
+        scale: factor on the resized input.
+        add: [N, C, H, W], same dtype and device, or None for nothing.
+        align_corners: whether corner pixels' centres meet (True) or pixels are areas (False).
+
+    Returns:
+        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once.
+
+    Raises:
+        TypeError, ValueError: if an argument has the wrong type, dtype, device or shape.
+
+    Source: the upsampling between AnyNet's stages (arXiv 1810.11408, Fig. 2) and in its U-Net.
+    """
+    _checks.tensor("resize", "input", input, "N, C, H, W")
+    height, width = (_checks.integer("resize", "size", value) for value in size)
+    n, c, h, w = input.shape
+    if h == 0 or w == 0:
+        raise ValueError(f"resize: expected input of shape [N, C, H, W] with H, W >= 1, got {list(input.shape)}")
+    if height < 1 or width < 1:
+        raise ValueError(f"resize: expected size of at least 1 x 1, got {height} x {width}")
+    if add is not None:
+        _checks.matches("resize", "add", add, (n, c, height, width), input)
+    out: Tensor = torch.ops.anynet.resize(input, height, width, scale, add, align_corners)
+    return out
+
+
+def _fake(input: Tensor, height: int, width: int, scale: float, add: Tensor | None, align_corners: bool) -> Tensor:
+    return input.new_empty(input.shape[0], input.shape[1], height, width)
+
+
+def _fake_backward(grad: Tensor, height: int, width: int, scale: float, align_corners: bool) -> Tensor:
+    return grad.new_empty(grad.shape[0], grad.shape[1], height, width)
+
+
+def _setup_context(ctx: Any, inputs: tuple[Tensor, int, int, float, Tensor | None, bool], output: Tensor) -> None:
+    input, _, _, ctx.scale, _, ctx.align_corners = inputs
+    ctx.size = input.shape[2:]
+
+
+def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, None, None, None, Tensor | None, None]:
+    grad_input = None
+    if ctx.needs_input_grad[0]:
+        grad_input = torch.ops.anynet.resize_backward(grad, *ctx.size, ctx.scale, ctx.align_corners)
+    return grad_input, None, None, None, grad if ctx.needs_input_grad[4] else None, None
+
+
+register("resize", fake=_fake, fake_backward=_fake_backward, setup_context=_setup_context, backward=_backward)
+
+
+@torch.library.impl("anynet::resize", "CUDA")
+def _cuda(input: Tensor, height: int, width: int, scale: float, add: Tensor | None, align_corners: bool) -> Tensor:
+    out = scale * F.interpolate(input, (height, width), mode="bilinear", align_corners=align_corners)
+    return out if add is None else out + add
+
+
+@torch.library.impl("anynet::resize_backward", "CUDA")
+def _cuda_backward(grad: Tensor, height: int, width: int, scale: float, align_corners: bool) -> Tensor:
+    n, c, *size = grad.shape
+    out: Tensor = torch.ops.aten.upsample_bilinear2d_backward(grad * scale, size, [n, c, height, width], align_corners)
+    return out

@@ -1,0 +1,114 @@
+"""resize: against `torch.nn.functional.interpolate`, both passes."""
+
+import pytest
+import torch
+
+import anynet_ext
+from anynet_ext import reference
+
+SIZES = [
+    ((5, 7), (20, 28)),
+    ((5, 7), (11, 13)),
+    ((9, 40), (4, 10)),
+    ((1, 1), (3, 4)),
+    ((6, 1), (1, 5)),
+    ((3, 5), (3, 5)),
+    ((23, 77), (46, 154)),
+]
+TOLERANCE = {torch.float64: 1e-12, torch.float32: 2e-5, torch.float16: 2e-3, torch.bfloat16: 2e-2}
+
+
+def images(shape: tuple[int, ...], dtype: torch.dtype) -> torch.Tensor:
+    return torch.randn(shape, generator=torch.Generator().manual_seed(0), dtype=torch.float64).to(dtype)
+
+
+@pytest.mark.parametrize("align_corners", [False, True])
+@pytest.mark.parametrize(("small", "size"), SIZES)
+@pytest.mark.parametrize("dtype", TOLERANCE)
+@pytest.mark.parametrize("layout", ["contiguous", "channels_last", "sliced"])
+def test_matches_reference(layout, dtype, small, size, align_corners):
+    tolerance = {"rtol": TOLERANCE[dtype], "atol": TOLERANCE[dtype]}
+    input, add = images((2, 3, *small), dtype), images((2, 3, *size), dtype)
+    if layout == "channels_last":
+        input, add = (t.contiguous(memory_format=torch.channels_last) for t in (input, add))
+    if layout == "sliced":
+        input, add = (torch.stack([t, t], -1)[..., 0] for t in (input, add))
+    for rest in ({}, {"add": add}, {"scale": -4.0, "add": add}):
+        got = anynet_ext.resize(input, size, align_corners=align_corners, **rest)
+        exact = {k: v.double() if k == "add" else v for k, v in rest.items()}
+        want = reference.resize(input.double(), size, align_corners=align_corners, **exact).to(dtype)
+        torch.testing.assert_close(got, want, **tolerance)
+        assert got.is_contiguous()
+
+
+@pytest.mark.parametrize("align_corners", [False, True])
+@pytest.mark.parametrize(("small", "size"), SIZES)
+def test_gradients(small, size, align_corners):
+    input = images((2, 3, *small), torch.float64).requires_grad_()
+    add = images((2, 3, *size), torch.float64).requires_grad_()
+    weight = images((2, 3, *size), torch.float64).flip(3)
+    for gradient in (weight, torch.ones((), dtype=torch.float64).expand(weight.shape)):
+        results = []
+        for module in (anynet_ext, reference):
+            out = module.resize(input, size, scale=3.0, add=add, align_corners=align_corners)
+            results.append(torch.autograd.grad(out, (input, add), gradient))
+        torch.testing.assert_close(*results, rtol=1e-12, atol=1e-12)
+    if input.numel() < 300:
+        assert torch.autograd.gradcheck(
+            lambda i, a: anynet_ext.resize(i, size, scale=3.0, add=a, align_corners=align_corners), (input, add)
+        )
+
+
+def test_bits_do_not_depend_on_threads():
+    input, grad = images((2, 2, 92, 308), torch.float32), images((2, 2, 368, 1232), torch.float32)
+    threads, seen = torch.get_num_threads(), set()
+    try:
+        for count in (1, 2, 3, 2):
+            torch.set_num_threads(count)
+            out = anynet_ext.resize(input, (368, 1232))
+            back = torch.ops.anynet.resize_backward(grad, 92, 308, 1.0, False)
+            seen.add((out.numpy().tobytes(), back.numpy().tobytes()))
+    finally:
+        torch.set_num_threads(threads)
+    assert len(seen) == 1
+
+
+def test_empty_batch():
+    assert anynet_ext.resize(torch.zeros(0, 2, 3, 4), (6, 8)).shape == (0, 2, 6, 8)
+    assert torch.ops.anynet.resize_backward(torch.zeros(0, 2, 6, 8), 3, 4, 1.0, False).shape == (0, 2, 3, 4)
+
+
+def test_dispatcher():
+    input = torch.randn(2, 3, 4, 5, requires_grad=True)
+    add = torch.randn(2, 3, 8, 9, requires_grad=True)
+    torch.library.opcheck(torch.ops.anynet.resize.default, (input, 8, 9, 2.0, add, False))
+    torch.library.opcheck(torch.ops.anynet.resize.default, (input, 8, 9, 1.0, None, True))
+    torch.library.opcheck(torch.ops.anynet.resize_backward.default, (add.detach(), 4, 5, 2.0, False))
+
+    def double(x: torch.Tensor) -> torch.Tensor:
+        return anynet_ext.resize(x, (x.shape[2] * 2, x.shape[3] * 2), scale=2.0)
+
+    compiled = torch.compile(double, fullgraph=True, dynamic=True)
+    for shape in ((1, 2, 3, 4), (2, 1, 5, 9)):
+        x = torch.randn(shape)
+        torch.testing.assert_close(compiled(x), reference.resize(x, (2 * shape[2], 2 * shape[3]), scale=2.0))
+    with torch.autocast("cpu", torch.bfloat16):
+        assert double(torch.randn(1, 1, 2, 2, dtype=torch.bfloat16)).dtype == torch.float32
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: anynet_ext.resize(torch.zeros(2, 3, 4), (6, 8)), ValueError, "N, C, H, W"),
+        (lambda: anynet_ext.resize(torch.zeros(1, 1, 0, 4), (6, 8)), ValueError, r"\[1, 1, 0, 4\]"),
+        (lambda: anynet_ext.resize(torch.zeros(1, 1, 2, 4), (0, 8)), ValueError, "0 x 8"),
+        (lambda: anynet_ext.resize(torch.zeros(1, 1, 2, 4), (2.5, 8)), TypeError, "float"),
+        (lambda: anynet_ext.resize(torch.zeros(1, 1, 2, 4).int(), (2, 8)), TypeError, "int32"),
+        (lambda: anynet_ext.resize(torch.zeros(1, 1, 2, 4), (2, 8), add=torch.zeros(1, 1, 2, 4)), ValueError, "add"),
+        (lambda: torch.ops.anynet.resize(torch.zeros(2, 3, 4), 6, 8, 1.0, None, False), RuntimeError, "N, C, H, W"),
+        (lambda: torch.ops.anynet.resize(torch.zeros(1, 1, 3, 4), 6, 0, 1.0, None, False), RuntimeError, "6 and 0"),
+    ],
+)
+def test_errors(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
