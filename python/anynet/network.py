@@ -12,16 +12,11 @@ from torch import Tensor, nn
 
 from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet_ext import conv3x3, conv3x3x3, cost_volume, soft_argmin, spatial_propagation
+from anynet_ext import conv3x3, conv3x3x3, cost_volume, resize, soft_argmin, spatial_propagation
 
 # Of ImageNet's RGB values in 0..1.
 MEAN = (0.485, 0.456, 0.406)
 STD = (0.229, 0.224, 0.225)
-
-
-def resize(x: Tensor, size: tuple[int, int]) -> Tensor:
-    """Bilinear, pixels being areas (their centres at half-integers)."""
-    return x if x.shape[-2:] == size else F.interpolate(x, size, mode="bilinear", align_corners=False)
 
 
 class Convolution(nn.Module):
@@ -84,7 +79,7 @@ class UNet(nn.Module):
         yield skips.pop()
         for block in self.up:
             skip = skips.pop()
-            x = F.interpolate(x, skip.shape[-2:], mode="bilinear", align_corners=True)
+            x = resize(x, (skip.shape[2], skip.shape[3]), align_corners=True)
             x = block(torch.cat([skip, x], 1))
             yield x
 
@@ -171,13 +166,14 @@ class AnyNet(nn.Module):
             scale = height // small[0]
             if estimate is None:
                 volume = cost_volume(of_left, of_right, None, first, last)
-            elif self.config.reversed_residuals:
-                volume = cost_volume(of_left, of_right, resize(estimate, small) / scale, -last, -first).flip(1)
             else:
-                volume = cost_volume(of_left, of_right, resize(estimate, small) / scale, first, last)
+                known = resize(estimate, (small[0], small[1]), scale=1 / scale)
+                if self.config.reversed_residuals:
+                    volume = cost_volume(of_left, of_right, known, -last, -first).flip(1)
+                else:
+                    volume = cost_volume(of_left, of_right, known, first, last)
             cost = cost_net(volume[:, None])[:, 0]
-            residual = resize(soft_argmin(cost, first) * scale, (height, width))
-            estimate = residual if estimate is None else estimate + residual
+            estimate = resize(soft_argmin(cost, first), (height, width), scale=scale, add=estimate)
             yield estimate
         assert estimate is not None
         quarter = (height // 4, width // 4)
