@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from anynet.data.custom import folders, table
+from anynet.data.kitti import kitti2012, kitti2015
+from anynet.data.middlebury import eth3d, middlebury2001, middlebury2003, middlebury2006, middlebury2014
 from anynet.data.sample import Concatenation, Dataset
+from anynet.data.scene_flow import scene_flow
 from anynet.errors import AnyNetError
 
 Options = dict[str, str]
@@ -22,7 +26,25 @@ def _render(count: str, options: Options) -> Dataset:
     return Rendered(int(count), **{key: int(value) for key, value in options.items()})
 
 
-OPENERS: dict[str, Callable[[str, Options], Dataset]] = {"rendered": _rendered, "render": _render}
+def _files(load: Callable[..., Dataset]) -> Callable[[str, Options], Dataset]:
+    return lambda root, options: load(root, **options)
+
+
+OPENERS: dict[str, Callable[[str, Options], Dataset]] = {
+    "rendered": _rendered,
+    "render": _render,
+    "kitti2012": _files(kitti2012),
+    "kitti2015": _files(kitti2015),
+    "middlebury2001": _files(middlebury2001),
+    "middlebury2003": _files(middlebury2003),
+    "middlebury2005": _files(middlebury2006),
+    "middlebury2006": _files(middlebury2006),
+    "middlebury2014": _files(middlebury2014),
+    "eth3d": _files(eth3d),
+    "scene_flow": _files(scene_flow),
+    "folders": _files(folders),
+    "csv": _files(table),
+}
 
 
 def open_dataset(spec: str) -> Dataset:
