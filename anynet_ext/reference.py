@@ -15,22 +15,23 @@ def _widen(*tensors: Tensor) -> list[Tensor]:
     return [t.float() if t.dtype in (torch.float16, torch.bfloat16) else t for t in tensors]
 
 
+def _columns(image: Tensor, index: Tensor) -> Tensor:
+    """Columns of `image` [N,C,H,W] at whole positions `index`, which broadcasts to [N,1,H,W']; zero outside."""
+    n, c, h, w = image.shape
+    index = index.expand(n, c, h, index.shape[-1])
+    if w == 0:
+        return image.new_zeros(index.shape)
+    valid = (index >= 0) & (index < w)
+    return torch.where(valid, image.gather(3, index.clamp(0, w - 1).nan_to_num(0).long()), 0)
+
+
 def _sample(image: Tensor, x: Tensor) -> Tensor:
     """`image` [N,C,H,W] at columns `x` [N,1,H,W]: linear between pixels, zero outside, NaN where x is NaN."""
-    n, c, h, w = image.shape
-    if w == 0:
-        return image.new_zeros(n, c, h, x.shape[-1])
     # Beyond one pixel outside everything is zero, so clamp before the conversion to integers can overflow.
-    inside = x.clamp(-1, w)
+    inside = x.clamp(-1, image.shape[-1])
     left = inside.detach().floor()
     fraction = inside - left
-
-    def column(index: Tensor) -> Tensor:
-        valid = (index >= 0) & (index < w)
-        picked = image.gather(3, index.clamp(0, w - 1).nan_to_num(0).long().expand(n, c, h, x.shape[-1]))
-        return torch.where(valid, picked, 0)
-
-    sampled = (1 - fraction) * column(left) + fraction * column(left + 1)
+    sampled = (1 - fraction) * _columns(image, left) + fraction * _columns(image, left + 1)
     return torch.where(x.isnan(), torch.nan, sampled)  # without gradient
 
 
@@ -44,12 +45,14 @@ def warp(image: Tensor, disparity: Tensor) -> Tensor:
 def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int) -> Tensor:
     """out[n,k,y,x] = sum_c | left[n,c,y,x] - right[n,c,y, x - disparity[n,0,y,x] - (first + k)] |"""
     wide_left, wide_right = _widen(left, right)
-    n, _, h, w = left.shape
-    base = wide_left.new_zeros(n, 1, h, w) if disparity is None else _widen(disparity)[0]
-    columns = torch.arange(w, dtype=wide_left.dtype, device=left.device)
-    costs = [
-        (wide_left - _sample(wide_right, columns - base - offset)).abs().sum(1) for offset in range(first, last + 1)
-    ]
+    columns = torch.arange(left.shape[-1], dtype=wide_left.dtype, device=left.device)
+    costs = []
+    for offset in range(first, last + 1):
+        if disparity is None:
+            sampled = _columns(wide_right, columns - offset)
+        else:
+            sampled = _sample(wide_right, columns - _widen(disparity)[0] - offset)
+        costs.append((wide_left - sampled).abs().sum(1))
     return torch.stack(costs, 1).to(left.dtype)
 
 

@@ -4,15 +4,33 @@
 #include <pybind11/pybind11.h>
 
 #include <stdexcept>
+#include <string>
 
 #include "../kernels/common/isa.h"
 #include "../kernels/common/tensor.h"
 
+// NumPy's float16 is ours; bfloat16, which NumPy does not have, travels as its bits in uint16.
+namespace pybind11::detail {
+template <>
+struct npy_format_descriptor<anynet::float16> {
+  static constexpr auto name = const_name("numpy.float16");
+  static pybind11::dtype dtype() { return pybind11::dtype("float16"); }
+};
+template <>
+struct npy_format_descriptor<anynet::bfloat16> {
+  static constexpr auto name = const_name("numpy.uint16");
+  static pybind11::dtype dtype() { return pybind11::dtype("uint16"); }
+};
+}  // namespace pybind11::detail
+
 namespace anynet::bindings {
+
+template <class T>
+using Array = pybind11::array_t<T>;
 
 /// A NumPy array as a kernel's view. The array's strides must be whole elements.
 template <class T, int Rank = 4>
-View<const T, Rank> view(const pybind11::array_t<T>& array) {
+View<const T, Rank> view(const Array<T>& array) {
   if (array.ndim() != Rank) {
     throw std::invalid_argument("expected an array of " + std::to_string(Rank) + " dimensions, got " +
                                 std::to_string(array.ndim()));
@@ -26,7 +44,25 @@ View<const T, Rank> view(const pybind11::array_t<T>& array) {
   return v;
 }
 
+/// An uninitialised contiguous array of the shape of `like`.
+template <class T>
+Array<T> empty_like(const Array<T>& like) {
+  return Array<T>(std::vector<pybind11::ssize_t>(like.shape(), like.shape() + like.ndim()));
+}
+
 void bind_conv(pybind11::module_& m);
+void bind_cost_volume(pybind11::module_& m);
 void bind_soft_argmin(pybind11::module_& m);
+void bind_spatial_propagation(pybind11::module_& m);
+void bind_warp(pybind11::module_& m);
+
+/// Calls bind(m, T{}) for every element type.
+template <class Bind>
+void for_each_type(pybind11::module_& m, const Bind& bind) {
+  bind(m, float{});
+  bind(m, double{});
+  bind(m, float16{});
+  bind(m, bfloat16{});
+}
 
 }  // namespace anynet::bindings

@@ -14,5 +14,8 @@ PYBIND11_MODULE(_kernels, m) {
   m.def("isa_available", &anynet::isa_available);
   m.def("chosen_isa", &anynet::chosen_isa);
   anynet::bindings::bind_conv(m);
+  anynet::bindings::bind_cost_volume(m);
   anynet::bindings::bind_soft_argmin(m);
+  anynet::bindings::bind_spatial_propagation(m);
+  anynet::bindings::bind_warp(m);
 }

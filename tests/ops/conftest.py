@@ -1,0 +1,86 @@
+"""The operators under test, and what the tests of this folder share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+import anynet_ext  # noqa: F401  (registers the operators)
+
+
+class _Differentiable(torch.autograd.Function):
+    """Any operator of a namespace, with its `_backward` as derivative."""
+
+    @staticmethod
+    def forward(ctx: Any, namespace: Any, name: str, *args: Any) -> Tensor:
+        out = getattr(namespace, name)(*args)
+        ctx.namespace, ctx.name = namespace, name
+        ctx.rest = [None if isinstance(arg, Tensor) else arg for arg in args]
+        ctx.save_for_backward(*[arg if isinstance(arg, Tensor) else None for arg in args], out)
+        return out
+
+    @staticmethod
+    def backward(ctx: Any, grad: Tensor) -> tuple[Any, ...]:
+        *tensors, out = ctx.saved_tensors
+        args = [rest if tensor is None else tensor for tensor, rest in zip(tensors, ctx.rest, strict=True)]
+        if ctx.name == "spatial_propagation":
+            args.insert(2, out)
+        grads = getattr(ctx.namespace, f"{ctx.name}_backward")(grad, *args)
+        grads = iter([grads] if isinstance(grads, Tensor) else grads)
+        return None, None, *[None if tensor is None else next(grads) for tensor in tensors]
+
+
+class Ops:
+    """The four operators of `torch.ops.<namespace>`, differentiable, for tensors on `device`.
+
+    For the product's own namespace these are its registered derivatives; another namespace needs only the operators and
+    their `_backward`s, with the same schemas.
+    """
+
+    def __init__(self, namespace: str, device: str) -> None:
+        self.namespace, self.device = namespace, device
+
+    def __repr__(self) -> str:
+        return f"{self.namespace}-{self.device}"
+
+    def _call(self, name: str, *args: Any) -> Tensor:
+        namespace = getattr(torch.ops, self.namespace)
+        if self.namespace == "anynet":
+            return getattr(namespace, name)(*args)
+        return _Differentiable.apply(namespace, name, *args)
+
+    def cost_volume(self, left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int) -> Tensor:
+        return self._call("cost_volume", left, right, disparity, first, last)
+
+    def warp(self, image: Tensor, disparity: Tensor) -> Tensor:
+        return self._call("warp", image, disparity)
+
+    def soft_argmin(self, cost: Tensor, first: int) -> Tensor:
+        return self._call("soft_argmin", cost, first)
+
+    def spatial_propagation(self, input: Tensor, gates: Tensor, direction: int) -> Tensor:
+        return self._call("spatial_propagation", input, gates, direction)
+
+
+IMPLEMENTATIONS = [
+    Ops("anynet", "cpu"),
+    pytest.param(Ops("anynet", "cuda"), marks=pytest.mark.cuda),
+]
+
+
+@pytest.fixture(params=IMPLEMENTATIONS, ids=repr)
+def ops(request: pytest.FixtureRequest) -> Ops:
+    """The implementation under test: every test that takes `ops` runs once for each of IMPLEMENTATIONS.
+
+    To run the same tests on other sources of the operators, load the library that registers them (same schemas, any
+    namespace) and append `Ops("<namespace>", "<device>")` to IMPLEMENTATIONS.
+    """
+    return request.param
+
+
+@pytest.fixture(autouse=True)
+def _seed() -> None:
+    torch.manual_seed(20180)
