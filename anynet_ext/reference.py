@@ -27,8 +27,8 @@ def _columns(image: Tensor, index: Tensor) -> Tensor:
 
 def _sample(image: Tensor, x: Tensor) -> Tensor:
     """`image` [N,C,H,W] at columns `x` [N,1,H,W]: linear between pixels, zero outside, NaN where x is NaN."""
-    # Beyond one pixel outside everything is zero, so clamp before the conversion to integers can overflow.
-    inside = x.clamp(-1, image.shape[-1])
+    # Further outside everything is zero as well, so clamp before the conversion to integers can overflow.
+    inside = x.clamp(-2, image.shape[-1])
     left = inside.detach().floor()
     fraction = inside - left
     sampled = (1 - fraction) * _columns(image, left) + fraction * _columns(image, left + 1)

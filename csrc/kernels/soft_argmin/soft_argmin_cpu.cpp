@@ -25,9 +25,9 @@ void soft_argmin(const SoftArgmin<T>& a, int threads) {
       for (int64_t k = 0; k < D; ++k) {
         const A e = std::exp(lowest - to_accumulator(c[k * stride[1]]));
         sum += e;
-        weighted += e * static_cast<A>(a.first + k);
+        weighted += e * static_cast<A>(k);
       }
-      a.out[row * W + x] = from_accumulator<T>(weighted / sum);
+      a.out[row * W + x] = from_accumulator<T>(static_cast<A>(a.first) + weighted / sum);
     }
   });
 }
@@ -53,13 +53,13 @@ void soft_argmin_backward(const SoftArgminBackward<T>& a, int threads) {
       for (int64_t k = 0; k < D; ++k) {
         const A e = std::exp(lowest - to_accumulator(c[k * stride[1]]));
         sum += e;
-        weighted += e * static_cast<A>(a.first + k);
+        weighted += e * static_cast<A>(k);
       }
       const A mean = weighted / sum;
       const A g = to_accumulator(grad[x * a.grad.stride[3]]);
       for (int64_t k = 0; k < D; ++k) {
         const A p = std::exp(lowest - to_accumulator(c[k * stride[1]])) / sum;
-        out[k * H * W + x] = from_accumulator<T>(-g * p * (static_cast<A>(a.first + k) - mean));
+        out[k * H * W + x] = from_accumulator<T>(-g * p * (static_cast<A>(k) - mean));
       }
     }
   });
