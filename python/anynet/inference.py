@@ -1,22 +1,126 @@
-"""The network as it runs in deployment: images in bytes, nothing computed that nobody asked for."""
+"""The network as it runs in deployment: bytes in, batch norms folded, and nothing computed that nobody asked for."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import torch
-from torch import Tensor
+import torch.nn.functional as F
+from torch import Tensor, nn
 
-from anynet.network import MEAN, STD, AnyNet
+from anynet.network import MEAN, STD, AnyNet, PreActivation
+
+# The operators themselves: what is passed to them here needs none of the checks of their Python functions.
+_ops = torch.ops.anynet
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """A convolution with what surrounds it."""
+
+    weight: Tensor
+    bias: Tensor | None = None
+    scale: Tensor | None = None  # of the input, with shift; then ReLU
+    shift: Tensor | None = None
+    relu_in: bool = False
+    relu_out: bool = False
+
+    def __call__(self, x: Tensor) -> Tensor:
+        if max(self.weight.shape[:2]) > 32:
+            return self._large(x)
+        op = _ops.conv3x3.default if self.weight.dim() == 4 else _ops.conv3x3x3.default
+        out: Tensor = op(x, self.weight, self.bias, self.scale, self.shift, 1, self.relu_in, self.relu_out)
+        return out
+
+    def _large(self, x: Tensor) -> Tensor:
+        if self.scale is not None and self.shift is not None:
+            shape = [-1] + [1] * (x.dim() - 2)
+            x = torch.addcmul(self.shift.view(shape), x, self.scale.view(shape))
+        convolution = F.conv2d if self.weight.dim() == 4 else F.conv3d
+        x = convolution(F.relu(x) if self.relu_in else x, self.weight, self.bias, padding=1)
+        return F.relu(x) if self.relu_out else x
+
+
+def _affine(norm: nn.Module) -> tuple[Tensor, Tensor]:
+    """A batch norm in eval mode, as scale and shift."""
+    assert isinstance(norm, (nn.BatchNorm2d, nn.BatchNorm3d))
+    assert norm.running_var is not None
+    assert norm.running_mean is not None
+    scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
+    return scale, norm.bias - scale * norm.running_mean
+
+
+def _chain(modules: nn.Module, activated: bool = False) -> list[_Layer]:
+    """A chain of pre-activation layers: each norm goes into the convolution before it, the first into the first's input.
+
+    Args:
+        activated: the chain's input has been through the first norm and ReLU.
+    """
+    layers: list[_Layer] = []
+    for module in modules.children():
+        assert isinstance(module, PreActivation)
+        scale, shift = _affine(module.norm)
+        layer = _Layer(module.conv.weight)
+        if layers:
+            before = layers[-1].weight
+            folded = before * scale.view([-1] + [1] * (before.dim() - 1))
+            layers[-1] = replace(layers[-1], weight=folded.contiguous(), bias=shift, relu_out=True)
+        elif not activated:
+            layer = replace(layer, scale=scale, shift=shift, relu_in=True)
+        layers.append(layer)
+    return layers
+
+
+def _run(layers: Sequence[_Layer], x: Tensor) -> Tensor:
+    for layer in layers:
+        x = layer(x)
+    return x
 
 
 class InferenceGraph:
-    """An AnyNet with its weights frozen."""
+    """An AnyNet with its weights frozen.
 
+    The estimates are never added up at full size before somebody wants to see one. Each stage's result stays small, and
+    since pixels are areas, what the next stage needs, the sum enlarged to full size and reduced to the features' size,
+    is exactly the small results enlarged to the features' size.
+    """
+
+    @torch.no_grad()
     def __init__(self, model: AnyNet) -> None:
-        self.model = model.eval()
-        self.mean = torch.tensor(MEAN)[:, None, None]
-        self.std = torch.tensor(STD)[:, None, None]
+        self.config = model.config
+        features, refinement = model.features, model.refinement
+        std = 255 * torch.tensor(STD)
+        self._mean = 255 * torch.tensor(MEAN)
+        self._std = std[:, None, None]
+        scale, shift = _affine(features.halve.norm)
+        assert features.first.bias is not None
+        first = features.first.weight * scale[:, None, None, None] / std[:, None, None]
+        self._stem = (
+            self._mean,
+            first.contiguous(),
+            features.first.bias * scale + shift,
+            features.halve.conv.weight.detach(),
+            *_affine(features.down[0][0].norm),  # type: ignore[index]
+            self.config.stride,
+        )
+        self._down = [_chain(chain, activated=i == 0) for i, chain in enumerate(features.down)]
+        self._up = [_chain(chain) for chain in features.up]
+        self._cost_nets = [_chain(chain) for chain in model.cost_nets]
+        self._ranges = list(self.config.ranges)
+        self._signs = [1.0] * len(self._ranges)
+        if self.config.reversed_residuals:
+            # The mirrored search is the plain one with everything mirrored: range, kernels, and the result's sign.
+            for i, (low, high) in enumerate(self._ranges[1:], start=1):
+                self._ranges[i] = -high, -low
+                self._signs[i] = -1.0
+                self._cost_nets[i] = [
+                    replace(layer, weight=layer.weight.flip(2).contiguous()) for layer in self._cost_nets[i]
+                ]
+        guidance = [_Layer(layer.weight.detach(), relu_out=True) for layer in refinement.guidance]
+        self._guidance = [*guidance[:-1], replace(guidance[-1], relu_out=False)]
+        self._expand = _Layer(refinement.expand.weight.detach())
+        self._reduce = _Layer(refinement.reduce.weight.detach())
 
     def stages(self, left: Tensor, right: Tensor) -> Iterator[Callable[[], Tensor]]:
         """One function per stage, each giving that stage's full-size disparity [H, W].
@@ -26,6 +130,83 @@ class InferenceGraph:
         Args:
             left, right: uint8 RGB, [H, W, 3], contiguous.
         """
-        images = [((image.permute(2, 0, 1) / 255 - self.mean) / self.std)[None] for image in (left, right)]
-        for estimate in self.model.stages(*images):
-            yield lambda estimate=estimate: estimate[0, 0]  # type: ignore[misc]
+        height, width = left.shape[:2]
+        maps: list[Tensor] = []  # [h, w], in pixels of the images
+        scales: list[int] = []  # pixels of the images per pixel of the map
+
+        def enlarge(maps: list[Tensor], scales: list[int]) -> Callable[[], Tensor]:
+            return lambda: _ops.upsample_sum.default(maps, scales, 1.0, height, width)
+
+        for i, features in enumerate(self._features(left, right)):
+            scale = self.config.stride >> i
+            disparity = self._sum_at(scale, maps, scales, features.shape[2:]) if i else None
+            first, last = self._ranges[i]
+            volume = _ops.cost_volume.default(features[:1], features[1:], disparity, first, last)
+            cost = _run(self._cost_nets[i], volume[:, None])[:, 0]
+            residual = _ops.soft_argmin.default(cost, first)[0, 0]
+            maps = [*maps, residual.mul_(scale * self._signs[i])]
+            scales = [*scales, scale]
+            yield enlarge(maps, scales)
+        disparity = self._sum_at(4, maps[:-1], scales[:-1], maps[-1].shape, gain=1.0)
+        disparity += _blur(maps[-1])
+        yield enlarge([self._refine(left, disparity)], [4])
+
+    def _features(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
+        """[2, C, h, w] per stage: of the left image and the right one."""
+        x = _ops.stem.default(left, right, *self._stem)
+        skips: list[Tensor] = []
+        for i, layers in enumerate(self._down):
+            x = _run(layers, F.max_pool2d(x, 2) if i else x)
+            skips.append(x)
+        yield skips.pop()
+        for layers in self._up:
+            skip = skips.pop()
+            x = F.interpolate(x, skip.shape[-2:], mode="bilinear", align_corners=True)
+            x = _run(layers, torch.cat([skip, x], 1))
+            yield x
+
+    @staticmethod
+    def _sum_at(
+        scale: int, maps: list[Tensor], scales: list[int], size: Sequence[int], gain: float | None = None
+    ) -> Tensor:
+        """[1, 1, h, w]: the estimate at that scale, in its own pixels."""
+        ratios = [s // scale for s in scales]
+        out: Tensor = _ops.upsample_sum.default(maps, ratios, 1 / scale if gain is None else gain, *size)
+        return out[None, None]
+
+    def _refine(self, left: Tensor, disparity: Tensor) -> Tensor:
+        """[1, 1, h, w] at 1/4 resolution to [h, w]."""
+        n = len(self.config.spn_directions)
+        gates = _run(self._guidance, self._quarter(left, disparity.shape[2:]))[0].unflatten(0, (n, 1, 3, -1))
+        gates = gates / (gates.abs().sum(2, keepdim=True) + 1e-8)
+        x = self._expand(disparity)
+        scans = [
+            _ops.spatial_propagation.default(x, gates[i], direction)
+            for i, direction in enumerate(self.config.spn_directions)
+        ]
+        if len(scans) > 1:
+            together = torch.stack(scans)
+            scans = [together.amax(0) if self.config.spn_combine == "max" else together.mean(0)]
+        return self._reduce(scans[0])[0, 0]
+
+    def _quarter(self, image: Tensor, size: Sequence[int]) -> Tensor:
+        """The image at 1/4 resolution [1, 3, h, w]: bilinear, so the mean of the middle four of 16 pixels."""
+        sums = 0
+        rows, columns = ((torch.arange(n) * 4, image.shape[d] - 1) for d, n in enumerate(size))
+        picked = [
+            image[(rows[0] + dy).clamp(max=rows[1])][:, (columns[0] + dx).clamp(max=columns[1])].float()
+            for dy in (1, 2)
+            for dx in (1, 2)
+        ]
+        sums = torch.stack(picked).mean(0).permute(2, 0, 1)
+        return ((sums - self._mean[:, None, None]) / self._std).contiguous()[None]
+
+
+def _blur(x: Tensor) -> Tensor:
+    """Enlarged four times and reduced again: 1/16, 7/8, 1/16 along both axes; the border is repeated."""
+    for d in (0, 1):
+        n = x.shape[d]
+        before = torch.cat([x.narrow(d, 0, 1), x.narrow(d, 0, n - 1)], d)
+        after = torch.cat([x.narrow(d, 1, n - 1), x.narrow(d, n - 1, 1)], d)
+        x = 0.875 * x + 0.0625 * (before + after)
+    return x

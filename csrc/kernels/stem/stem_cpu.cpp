@@ -1,0 +1,169 @@
+#include "stem.h"
+
+#include <algorithm>
+#include <cstring>
+
+#include "../common/parallel.h"
+#include "../common/scratch.h"
+#include "../common/simd.h"
+
+namespace anynet::ANYNET_ISA {
+namespace {
+
+typedef uint32_t unaligned_uint32 __attribute__((aligned(1), may_alias));
+
+template <class V>
+ANYNET_INLINE V larger(V a, V b) {
+  return a > b ? a : b;
+}
+
+/// One thread's rows. A row holds its columns 0, 4, 8, ..., then 1, 5, 9, ... and so on: four `phases`, each with a
+/// vector of zeros before and after it.
+template <class T>
+class Strip {
+ public:
+  Strip(const Stem<T>& a, int image)
+      : a_(a),
+        image_(a.image[image]),
+        quarter_(a.width / 4),
+        pitch_((quarter_ + 3 * lanes<T> - 1) / lanes<T> * lanes<T>),
+        bytes_(a.width * 3),
+        inputs_(4 * 3 * row()),
+        first_(5 * a.channels * row()),
+        result_(pitch_) {
+    fill_zero<T>(inputs_, 4 * 3 * row());
+    fill_zero<T>(first_, 5 * a.channels * row());
+  }
+
+  /// Output rows [begin, end), to out [C,height/4,width/4].
+  void compute(int64_t begin, int64_t end, T* out) {
+    for (int64_t r = 4 * begin - 2; r <= 4 * begin; ++r) read(r);
+    convolve_first(4 * begin - 1);
+    for (int64_t y = begin; y < end; ++y) {
+      for (int64_t r = 4 * y; r < 4 * y + 4; ++r) {
+        read(r + 1);
+        convolve_first(r);
+      }
+      for (int64_t c = 0; c < a_.channels; ++c) {
+        convolve_second(y, c);
+        std::memcpy(out + (c * (a_.height / 4) + y) * quarter_, static_cast<T*>(result_), quarter_ * sizeof(T));
+      }
+    }
+  }
+
+ private:
+  int64_t row() const { return 4 * pitch_; }
+  /// Where column 4 j + phase is element j, for rows that four (inputs) or five (first) slots go round.
+  T* input(int64_t r, int64_t channel, int phase) {
+    return inputs_ + (((r + 4) % 4) * 3 + channel) * row() + phase * pitch_ + lanes<T>;
+  }
+  T* first(int64_t r, int64_t channel, int phase) {
+    return first_ + (((r + 5) % 5) * a_.channels + channel) * row() + phase * pitch_ + lanes<T>;
+  }
+
+  /// Row r of x.
+  void read(int64_t r) {
+    if (r < 0 || r >= a_.height) {
+      for (int c = 0; c < 3; ++c) fill_zero(input(r, c, 0) - lanes<T>, row());
+      return;
+    }
+    const uint8_t* from = image_ + std::min(r, a_.image_height - 1) * a_.image_width * 3;
+    if (a_.width != a_.image_width) {
+      std::memcpy(bytes_, from, a_.image_width * 3);
+      for (int64_t i = a_.image_width * 3; i < a_.width * 3; ++i) bytes_[i] = bytes_[i - 3];
+      from = bytes_;
+    }
+    T* to[12];  // four pixels, twelve bytes
+    for (int i = 0; i < 12; ++i) to[i] = input(r, i % 3, i / 3);
+    for (int word = 0; word < 3; ++word) {
+      const auto* source = reinterpret_cast<const unaligned_uint32*>(from) + word;
+      T* __restrict t0 = to[4 * word];
+      T* __restrict t1 = to[4 * word + 1];
+      T* __restrict t2 = to[4 * word + 2];
+      T* __restrict t3 = to[4 * word + 3];
+      const T m0 = a_.mean[4 * word % 3], m1 = a_.mean[(4 * word + 1) % 3], m2 = a_.mean[(4 * word + 2) % 3];
+      for (int64_t j = 0; j < quarter_; ++j) {
+        const uint32_t v = source[3 * j];
+        t0[j] = static_cast<T>(static_cast<int32_t>(v & 255)) - m0;
+        t1[j] = static_cast<T>(static_cast<int32_t>(v >> 8 & 255)) - m1;
+        t2[j] = static_cast<T>(static_cast<int32_t>(v >> 16 & 255)) - m2;
+        t3[j] = static_cast<T>(static_cast<int32_t>(v >> 24)) - m0;
+      }
+    }
+  }
+
+  /// Row r of f, from rows r - 1 to r + 1 of x.
+  void convolve_first(int64_t r) {
+    for (int64_t o = 0; o < a_.channels; ++o) {
+      if (r < 0) {
+        fill_zero(first(r, o, 0) - lanes<T>, row());
+        continue;
+      }
+      const T* in[9];
+      for (int i = 0; i < 9; ++i) in[i] = input(r + i % 3 - 1, i / 3, 0);
+      const T* weight = a_.weight_first + o * 27;
+      T* out = first(r, o, 0);
+      for (int64_t j = 0; j < quarter_; j += lanes<T>) {
+        vec<T> sum[4];
+        for (auto& s : sum) s = splat(a_.bias_first[o]);
+        for (int i = 0; i < 9; ++i) {
+          const T* p = in[i] + j;
+          const vec<T> x[6] = {load(p + 3 * pitch_ - 1), load(p), load(p + pitch_), load(p + 2 * pitch_),
+                               load(p + 3 * pitch_),     load(p + 1)};
+          for (int k = 0; k < 3; ++k) {
+            const vec<T> w = splat(weight[3 * i + k]);
+            for (int phase = 0; phase < 4; ++phase) sum[phase] += w * x[phase + k];
+          }
+        }
+        for (int phase = 0; phase < 4; ++phase) {
+          store(out + phase * pitch_ + j, larger(sum[phase], vec<T>{}));
+        }
+      }
+    }
+  }
+
+  /// Row y of the output, of channel o, into result_.
+  void convolve_second(int64_t y, int64_t o) {
+    for (int64_t j = 0; j < quarter_; j += lanes<T>) {
+      vec<T> pooled[2];
+      for (int half = 0; half < 2; ++half) {
+        vec<T> left{}, right{};  // columns 2 j and 2 j + 1 of h
+        for (int64_t c = 0; c < a_.channels; ++c) {
+          const T* weight = a_.weight_second + (o * a_.channels + c) * 9;
+          for (int ky = 0; ky < 3; ++ky) {
+            const T* f = first(4 * y + 2 * half + ky - 1, c, 0) + j;
+            const vec<T> w0 = splat(weight[3 * ky]), w1 = splat(weight[3 * ky + 1]), w2 = splat(weight[3 * ky + 2]);
+            const vec<T> shared = load(f + pitch_);
+            left += w0 * load(f + 3 * pitch_ - 1) + w1 * load(f) + w2 * shared;
+            right += w0 * shared + w1 * load(f + 2 * pitch_) + w2 * load(f + 3 * pitch_);
+          }
+        }
+        pooled[half] = larger(left, right);
+      }
+      store(result_ + j, larger(splat(a_.scale[o]) * larger(pooled[0], pooled[1]) + splat(a_.shift[o]), vec<T>{}));
+    }
+  }
+
+  const Stem<T>& a_;
+  const uint8_t* image_;
+  const int64_t quarter_, pitch_;
+  Scratch<uint8_t> bytes_;
+  Scratch<T> inputs_, first_, result_;
+};
+
+}  // namespace
+
+template <class T>
+void stem(const Stem<T>& a, int threads) {
+  const int64_t rows = a.height / 4, image_size = a.channels * rows * (a.width / 4);
+  parallel_ranges(2 * rows, threads, [&](int64_t begin, int64_t end) {
+    for (int image = 0; image < 2; ++image) {
+      const int64_t from = std::max(begin - image * rows, int64_t{0}), to = std::min(end - image * rows, rows);
+      if (from < to) Strip<T>(a, image).compute(from, to, a.out + image * image_size);
+    }
+  });
+}
+
+template void stem<float>(const Stem<float>&, int);
+
+}  // namespace anynet::ANYNET_ISA
