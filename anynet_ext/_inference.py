@@ -50,7 +50,9 @@ def stem(
     return out
 
 
-def upsample_sum(maps: Sequence[Tensor], ratios: Sequence[int], height: int, width: int, *, gain: float = 1.0) -> Tensor:
+def upsample_sum(
+    maps: Sequence[Tensor], ratios: Sequence[int], height: int, width: int, *, gain: float = 1.0
+) -> Tensor:
     """Small maps enlarged to one size, and added: `gain * sum_i bilinear(maps[i])`.
 
     Interpolation is PyTorch's with align_corners=False, map i being enlarged `ratios[i]` times in both directions; of
