@@ -1,0 +1,145 @@
+"""Training runs: learning, resuming, distributing, stopping."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from planes import SMALL, Planes
+from safetensors.torch import load_file
+
+from anynet.errors import AnyNetError
+from anynet.network import AnyNet
+from anynet.training.batches import batches
+from anynet.training.distributed import Processes
+from anynet.training.loop import CHECKPOINT, LOG, WEIGHTS, train
+from anynet.training.recipe import Recipe
+
+SCRIPT = Path(__file__).with_name("planes.py")
+CPU = torch.device("cpu")
+RECIPE = Recipe(**SMALL, workers=0)
+
+
+@pytest.fixture(autouse=True)
+def _threads():
+    before = torch.get_num_threads()
+    yield
+    torch.set_num_threads(before)
+
+
+def _start(out: Path, launcher: tuple[str, ...] = (), **options) -> subprocess.Popen[str]:
+    command = [sys.executable, *launcher, str(SCRIPT), str(out), json.dumps(options)]
+    path = os.pathsep.join(p for p in sys.path if p)
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stderr=subprocess.PIPE, text=True)
+
+
+def _finish(process: subprocess.Popen[str]) -> None:
+    _, errors = process.communicate(timeout=300)
+    assert process.returncode == 0, errors
+
+
+def _lines(out: Path) -> list[dict]:
+    return [json.loads(line) for line in (out / LOG).read_text().splitlines()]
+
+
+def test_the_loss_falls_and_the_weights_are_measured(tmp_path):
+    recipe = replace(RECIPE, steps=40, validate_every=40)
+    weights = train(recipe, tmp_path, data=Planes(10), validation={"planes": Planes(2)})
+    *steps, validation = _lines(tmp_path)
+    assert [line["step"] for line in steps] == list(range(1, 41))
+    assert np.mean([line["losses"] for line in steps[-5:]]) < 0.5 * np.mean([line["losses"] for line in steps[:5]])
+    assert validation["validation"] == "planes"
+    assert len(validation["d1"]) == 4
+    assert weights == tmp_path / WEIGHTS
+
+
+@pytest.mark.slow
+def test_killed_and_resumed_gives_the_same_weights(tmp_path):
+    _finish(_start(tmp_path / "whole", workers=1, averaging=0.9))
+    killed = _start(tmp_path / "killed", workers=1, averaging=0.9)
+    while not (tmp_path / "killed" / CHECKPOINT).exists():
+        assert killed.poll() is None, killed.communicate()
+        time.sleep(0.01)
+    killed.send_signal(signal.SIGKILL)
+    killed.communicate()
+    assert not (tmp_path / "killed" / WEIGHTS).exists(), "it was over before it was killed"
+    _finish(_start(tmp_path / "killed", workers=0, averaging=0.9))
+    whole, resumed = (load_file(tmp_path / name / WEIGHTS) for name in ("whole", "killed"))
+    assert all(torch.equal(resumed[name], tensor) for name, tensor in whole.items())
+    for name in ("step", "losses", "gradient", "rate"):
+        whole, resumed = ([line[name] for line in _lines(tmp_path / run)] for run in ("whole", "killed"))
+        assert resumed == whole
+
+
+@pytest.mark.slow
+def test_two_processes_equal_one(tmp_path):
+    _finish(_start(tmp_path / "one", steps=3, workers=0))
+    torchrun = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2")
+    _finish(_start(tmp_path / "two", torchrun, steps=3, workers=0))
+    one, two = (load_file(tmp_path / name / WEIGHTS) for name in ("one", "two"))
+    for name, tensor in one.items():
+        torch.testing.assert_close(
+            two[name], tensor, rtol=1e-5, atol=1e-6, msg=lambda text, name=name: f"{name}: {text}"
+        )
+    for first, second in zip(_lines(tmp_path / "one"), _lines(tmp_path / "two"), strict=True):
+        assert second["losses"] == pytest.approx(first["losses"], rel=1e-4)
+        assert second["gradient"] == pytest.approx(first["gradient"], rel=1e-4)
+
+
+def test_a_batch_that_does_not_divide_is_refused():
+    with pytest.raises(AnyNetError, match="a batch of 4 does not divide among 3 processes"):
+        batches(Planes(4), RECIPE, range(1), Processes(0, 3, CPU))
+
+
+def test_the_processes_share_the_batch_of_one():
+    whole, *parts = (
+        list(batches(Planes(7), RECIPE, range(5, 8), Processes(rank, count, CPU)))
+        for rank, count in [(0, 1), (0, 2), (1, 2)]
+    )
+    for one, *shares in zip(whole, *parts, strict=True):
+        for tensor, *pieces in zip(one, *shares, strict=True):
+            torch.testing.assert_close(torch.cat(pieces), tensor, rtol=0, atol=0)
+
+
+def test_a_loss_that_is_not_finite_stops_the_run(tmp_path, monkeypatch):
+    calls = []
+
+    def spoilt(self, left, right):
+        calls.append(0)
+        outputs = list(self.stages(left, right))
+        return [*outputs[:2], outputs[2] * float("nan"), outputs[3]] if len(calls) == 6 else outputs
+
+    monkeypatch.setattr(AnyNet, "forward", spoilt)
+    with pytest.raises(AnyNetError, match="loss of stage 3 became nan at step 6"):
+        train(RECIPE, tmp_path, data=Planes(10))
+    state = torch.load(tmp_path / CHECKPOINT, weights_only=True)
+    assert state["step"] == 4
+    assert all(tensor.isfinite().all() for tensor in state["model"].values())
+
+
+def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
+    recipe = replace(RECIPE, steps=2)
+    train(recipe, tmp_path, data=Planes(4))
+    with pytest.raises(AnyNetError, match="holds a run already"):
+        train(recipe, tmp_path, data=Planes(4))
+    with pytest.raises(AnyNetError, match=r"rate was 0.002 when the run began, so it cannot be 0.1"):
+        train(replace(recipe, rate=0.1), tmp_path, data=Planes(4), resume=True)
+
+
+def test_stage_weights_must_fit_the_network(tmp_path):
+    with pytest.raises(AnyNetError, match="expected 4, one per stage, got 3"):
+        train(replace(RECIPE, stage_weights=(1.0, 1.0, 1.0)), tmp_path, data=Planes(4))
+
+
+def test_nothing_to_train_on(tmp_path):
+    with pytest.raises(AnyNetError, match="no pairs"):
+        train(RECIPE, tmp_path, data=Planes(0))
