@@ -16,6 +16,10 @@ bool isa_available(Isa isa);
 /// Throws std::runtime_error if ANYNET_ISA names a set that is unknown or not available.
 Isa chosen_isa();
 
+namespace cuda {
+using Stream = void*;  // a cudaStream_t, without CUDA's headers
+}  // namespace cuda
+
 }  // namespace anynet
 
 // Every CPU kernel is one template, compiled once per instruction set into a namespace of that set's name.
@@ -30,8 +34,13 @@ Isa chosen_isa();
 #define ANYNET_IF_AVX512(...)
 #endif
 
-/// Declares `name<T>(args, threads)` in each set's namespace, and `anynet::name<T>(isa, args, threads)` that calls one.
+/// Declares `name<T>(args, threads)` in each set's namespace, `anynet::name<T>(isa, args, threads)` that calls one, and
+/// `anynet::cuda::name<T>(args, stream)`, which name_cuda.cu defines where there is one.
 #define ANYNET_DECLARE_KERNEL(name, Args)                                         \
+  namespace cuda {                                                                \
+  template <class T>                                                              \
+  void name(const Args<T>& args, Stream stream);                                  \
+  }                                                                               \
   namespace baseline {                                                            \
   template <class T>                                                              \
   void name(const Args<T>& args, int threads);                                    \

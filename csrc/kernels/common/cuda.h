@@ -1,0 +1,189 @@
+// What the CUDA kernels share: element types on the device, 16-byte packs, shared memory, launches.
+// Included by *_cuda.cu only. nvcc compiles those files for GPUs; the tests compile the same files with g++ for the CPU,
+// where tests/cuda/emulator/cuda_runtime.h stands in for NVIDIA's.
+#pragma once
+
+#include <cuda_runtime.h>
+
+#include <cstdint>
+#include <cstring>
+#include <stdexcept>
+#include <string>
+
+#include "isa.h"
+#include "tensor.h"
+
+namespace anynet::cuda {
+
+#define ANYNET_DEVICE __device__ __forceinline__
+
+// ------------------------------------------------------------------------------------------------- element types
+ANYNET_DEVICE float to_accumulator(float a) { return a; }
+ANYNET_DEVICE double to_accumulator(double a) { return a; }
+ANYNET_DEVICE float to_accumulator(bfloat16 a) { return __uint_as_float(static_cast<unsigned>(a.bits) << 16); }
+ANYNET_DEVICE float to_accumulator(float16 a) {
+#ifdef __CUDACC__
+  float f;
+  asm("cvt.f32.f16 %0, %1;" : "=f"(f) : "h"(a.bits));
+  return f;
+#else
+  return emulator::half_to_float(a.bits);
+#endif
+}
+
+/// Rounds to nearest even, as PyTorch does.
+template <class T>
+ANYNET_DEVICE T from_accumulator(accumulator_t<T> a) {
+  return a;
+}
+template <>
+ANYNET_DEVICE bfloat16 from_accumulator<bfloat16>(float a) {
+  if (a != a) return bfloat16{0x7fc0};
+  const unsigned bits = __float_as_uint(a);
+  return bfloat16{static_cast<uint16_t>((bits + 0x7fff + ((bits >> 16) & 1)) >> 16)};
+}
+template <>
+ANYNET_DEVICE float16 from_accumulator<float16>(float a) {
+#ifdef __CUDACC__
+  float16 h;
+  asm("cvt.rn.f16.f32 %0, %1;" : "=h"(h.bits) : "f"(a));
+  return h;
+#else
+  return float16{emulator::float_to_half(a)};
+#endif
+}
+
+// ------------------------------------------------------------------------------------------------- global memory
+/// One element of an input that no thread of this launch writes (so loads may pass stores).
+ANYNET_DEVICE float read_raw(const float* p) { return __ldg(p); }
+ANYNET_DEVICE double read_raw(const double* p) { return __ldg(p); }
+ANYNET_DEVICE float16 read_raw(const float16* p) { return {__ldg(reinterpret_cast<const unsigned short*>(p))}; }
+ANYNET_DEVICE bfloat16 read_raw(const bfloat16* p) { return {__ldg(reinterpret_cast<const unsigned short*>(p))}; }
+
+/// The same, ready to compute with.
+template <class T>
+ANYNET_DEVICE accumulator_t<T> read(const T* p) {
+  return to_accumulator(read_raw(p));
+}
+
+/// N consecutive elements moved at once; pointers to it are aligned to its size, 16 bytes at most.
+template <class T, int N>
+struct alignas(sizeof(T) * N) Pack {
+  T value[N];
+};
+
+template <int Bytes>
+struct Word;
+template <>
+struct Word<16> {
+  using type = uint4;
+};
+template <>
+struct Word<8> {
+  using type = uint2;
+};
+template <>
+struct Word<4> {
+  using type = unsigned;
+};
+template <>
+struct Word<2> {
+  using type = unsigned short;
+};
+
+template <class T, int N>
+ANYNET_DEVICE Pack<T, N> read_pack(const T* p) {
+  using W = typename Word<sizeof(T) * N>::type;
+  const W word = __ldg(reinterpret_cast<const W*>(p));
+  Pack<T, N> pack;
+  memcpy(&pack, &word, sizeof(pack));
+  return pack;
+}
+
+template <class T, int N>
+ANYNET_DEVICE void write_pack(T* p, const Pack<T, N>& pack) {
+  *reinterpret_cast<Pack<T, N>*>(p) = pack;
+}
+
+/// Elements of T in 16 bytes.
+template <class T>
+constexpr int wide = 16 / sizeof(T);
+
+inline bool aligned(const void* p) { return reinterpret_cast<uintptr_t>(p) % 16 == 0; }
+
+/// Whether every row of `v` starts at a multiple of 16 bytes and has unit stride (dimensions of size 1 do not matter).
+template <class T, int Rank>
+bool rows_aligned(const View<T, Rank>& v) {
+  if (!aligned(v.data) || (v.size[Rank - 1] > 1 && v.stride[Rank - 1] != 1)) return false;
+  for (int i = 0; i + 1 < Rank; ++i) {
+    if (v.size[i] > 1 && v.stride[i] % wide<T> != 0) return false;
+  }
+  return true;
+}
+
+// ------------------------------------------------------------------------------------------------- shared memory
+/// Hands out the block's dynamic shared memory, array after array; every thread must take the same arrays in order.
+/// (The emulator allocates each array by itself, so that AddressSanitizer sees where one ends.)
+class SharedMemory {
+ public:
+  template <class T>
+  ANYNET_DEVICE T* take(int count) {
+#ifdef __CUDACC__
+    extern __shared__ uint4 anynet_shared_memory[];
+    T* array = reinterpret_cast<T*>(reinterpret_cast<char*>(anynet_shared_memory) + used_);
+    used_ += (count * static_cast<int>(sizeof(T)) + 15) / 16 * 16;
+    return array;
+#else
+    return static_cast<T*>(emulator::shared_array(used_++, count * sizeof(T)));
+#endif
+  }
+
+ private:
+  int used_ = 0;
+};
+
+/// Bytes that take<T>(count) uses.
+template <class T>
+constexpr int64_t shared_bytes(int64_t count) {
+  return (count * static_cast<int64_t>(sizeof(T)) + 15) / 16 * 16;
+}
+
+// ------------------------------------------------------------------------------------------------------ launches
+inline void check(cudaError_t error, const char* what) {
+  if (error != cudaSuccess) throw std::runtime_error(std::string(what) + ": CUDA error: " + cudaGetErrorString(error));
+}
+
+inline int64_t ceil_div(int64_t a, int64_t b) { return (a + b - 1) / b; }
+
+/// Starts `kernel` with `blocks` blocks (none: nothing happens) on the stream. Only queues work: fit for graph capture.
+template <class... Parameters, class... Arguments>
+void launch(const char* name, void (*kernel)(Parameters...), int64_t blocks, dim3 threads, int64_t shared, Stream stream,
+            const Arguments&... arguments) {
+  if (blocks == 0) return;
+  if (blocks > 0x7fffffff) throw std::runtime_error(std::string(name) + ": the tensor is too large for one CUDA grid");
+  const unsigned grid = static_cast<unsigned>(blocks);
+#ifdef __CUDACC__
+  if (shared > 48 * 1024) {  // more has to be asked for, and depends on the device
+    const cudaError_t error =
+        cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(shared));
+    if (error != cudaSuccess) {
+      cudaGetLastError();  // not sticky: leave no trace of it
+      throw std::runtime_error(std::string(name) + ": needs " + std::to_string(shared) +
+                               " bytes of shared memory per block, more than this GPU has");
+    }
+  }
+  kernel<<<grid, threads, static_cast<size_t>(shared), static_cast<cudaStream_t>(stream)>>>(arguments...);
+#else
+  emulator::run(grid, threads, shared, [&] { kernel(arguments...); });
+#endif
+  check(cudaGetLastError(), name);
+}
+
+/// Defines the functions that ANYNET_DECLARE_KERNEL (isa.h) declares, for all element types.
+#define ANYNET_INSTANTIATE_CUDA_KERNEL(name, Args)          \
+  template void name<float>(const Args<float>&, Stream);    \
+  template void name<double>(const Args<double>&, Stream);  \
+  template void name<float16>(const Args<float16>&, Stream); \
+  template void name<bfloat16>(const Args<bfloat16>&, Stream);
+
+}  // namespace anynet::cuda
