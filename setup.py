@@ -32,6 +32,7 @@ class CMakeBuild(build_ext):
             "-DANYNET_TESTS=OFF",
             f"-DCMAKE_INSTALL_PREFIX={target / 'anynet_ext'}",
             f"-DANYNET_CUDA={os.environ.get('ANYNET_CUDA', 'AUTO')}",
+            "-UANYNET_NVCC",  # look for it anew: CUDA may have come or gone since the last build
         ]
         subprocess.run(configure, check=True)
         subprocess.run(["cmake", "--build", str(build)], check=True)

@@ -3,6 +3,7 @@
 #include <tuple>
 
 #include "../kernels/cost_volume/cost_volume.h"
+#include "backend.h"
 
 namespace anynet::ops {
 
@@ -23,7 +24,7 @@ Tensor cost_volume(const Tensor& left, const Tensor& right, const std::optional<
   dispatch(left.scalar_type(), "cost_volume", [&](auto t) {
     using T = decltype(t);
     const CostVolume<T> args{ops::view<T>(left), ops::view<T>(right), view<T>(disparity), first, count, data<T>(out)};
-    anynet::cost_volume(chosen_isa(), args, num_threads());
+    ANYNET_RUN(cost_volume, args, left);
   });
   return out;
 }
@@ -45,12 +46,13 @@ std::tuple<Tensor, Tensor, Tensor> cost_volume_backward(const Tensor& grad, cons
                                      data<T>(grad_left),
                                      data<T>(grad_right),
                                      disparity.has_value() ? data<T>(grad_disparity) : nullptr};
-    anynet::cost_volume_backward(chosen_isa(), args, num_threads());
+    ANYNET_RUN(cost_volume_backward, args, left);
   });
   return {grad_left, grad_right, grad_disparity};
 }
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   m.def("cost_volume(Tensor left, Tensor right, Tensor? disparity, int first, int last) -> Tensor",
         {at::Tag::pt2_compliant_tag});
   // Without disparity the third result is empty.
@@ -59,8 +61,9 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
       "(Tensor, Tensor, Tensor)",
       {at::Tag::pt2_compliant_tag});
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("cost_volume", TORCH_BOX(&cost_volume));
   m.impl("cost_volume_backward", TORCH_BOX(&cost_volume_backward));
 }

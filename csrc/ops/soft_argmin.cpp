@@ -1,6 +1,7 @@
 #include "soft_argmin.h"
 
 #include "../kernels/soft_argmin/soft_argmin.h"
+#include "backend.h"
 
 namespace anynet::ops {
 
@@ -10,7 +11,7 @@ Tensor soft_argmin(const Tensor& cost, int64_t first) {
   dispatch(cost.scalar_type(), "soft_argmin", [&](auto t) {
     using T = decltype(t);
     const SoftArgmin<T> args{view<T>(cost), first, data<T>(out)};
-    anynet::soft_argmin(chosen_isa(), args, num_threads());
+    ANYNET_RUN(soft_argmin, args, cost);
   });
   return out;
 }
@@ -21,17 +22,19 @@ Tensor soft_argmin_backward(const Tensor& grad, const Tensor& cost, int64_t firs
   dispatch(cost.scalar_type(), "soft_argmin_backward", [&](auto t) {
     using T = decltype(t);
     const SoftArgminBackward<T> args{view<T>(grad), view<T>(cost), first, data<T>(grad_cost)};
-    anynet::soft_argmin_backward(chosen_isa(), args, num_threads());
+    ANYNET_RUN(soft_argmin_backward, args, cost);
   });
   return grad_cost;
 }
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   m.def("soft_argmin(Tensor cost, int first) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("soft_argmin_backward(Tensor grad, Tensor cost, int first) -> Tensor", {at::Tag::pt2_compliant_tag});
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("soft_argmin", TORCH_BOX(&soft_argmin));
   m.impl("soft_argmin_backward", TORCH_BOX(&soft_argmin_backward));
 }

@@ -3,6 +3,7 @@
 #include <tuple>
 
 #include "../kernels/spatial_propagation/spatial_propagation.h"
+#include "backend.h"
 
 namespace anynet::ops {
 
@@ -12,7 +13,7 @@ Tensor spatial_propagation(const Tensor& input, const Tensor& gates, int64_t dir
   dispatch(input.scalar_type(), "spatial_propagation", [&](auto t) {
     using T = decltype(t);
     const SpatialPropagation<T> args{view<T>(input), view<T, 5>(gates), static_cast<int>(direction), data<T>(out)};
-    anynet::spatial_propagation(chosen_isa(), args, num_threads());
+    ANYNET_RUN(spatial_propagation, args, input);
   });
   return out;
 }
@@ -26,20 +27,22 @@ std::tuple<Tensor, Tensor> spatial_propagation_backward(const Tensor& grad, cons
     const SpatialPropagationBackward<T> args{
         view<T>(grad),       view<T>(input),     view<T, 5>(gates), view<T>(out), static_cast<int>(direction),
         data<T>(grad_input), data<T>(grad_gates)};
-    anynet::spatial_propagation_backward(chosen_isa(), args, num_threads());
+    ANYNET_RUN(spatial_propagation_backward, args, input);
   });
   return {grad_input, grad_gates};
 }
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   m.def("spatial_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def(
       "spatial_propagation_backward(Tensor grad, Tensor input, Tensor gates, Tensor out, int direction) -> "
       "(Tensor, Tensor)",
       {at::Tag::pt2_compliant_tag});
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("spatial_propagation", TORCH_BOX(&spatial_propagation));
   m.impl("spatial_propagation_backward", TORCH_BOX(&spatial_propagation_backward));
 }

@@ -3,6 +3,7 @@
 #include <tuple>
 
 #include "../kernels/warp/warp.h"
+#include "backend.h"
 
 namespace anynet::ops {
 
@@ -12,7 +13,7 @@ Tensor warp(const Tensor& image, const Tensor& disparity) {
   dispatch(image.scalar_type(), "warp", [&](auto t) {
     using T = decltype(t);
     const Warp<T> args{view<T>(image), view<T>(disparity), data<T>(out)};
-    anynet::warp(chosen_isa(), args, num_threads());
+    ANYNET_RUN(warp, args, image);
   });
   return out;
 }
@@ -24,17 +25,19 @@ std::tuple<Tensor, Tensor> warp_backward(const Tensor& grad, const Tensor& image
     using T = decltype(t);
     const WarpBackward<T> args{view<T>(grad), view<T>(image), view<T>(disparity), data<T>(grad_image),
                                data<T>(grad_disparity)};
-    anynet::warp_backward(chosen_isa(), args, num_threads());
+    ANYNET_RUN(warp_backward, args, image);
   });
   return {grad_image, grad_disparity};
 }
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   m.def("warp(Tensor image, Tensor disparity) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("warp_backward(Tensor grad, Tensor image, Tensor disparity) -> (Tensor, Tensor)", {at::Tag::pt2_compliant_tag});
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("warp", TORCH_BOX(&warp));
   m.impl("warp_backward", TORCH_BOX(&warp_backward));
 }

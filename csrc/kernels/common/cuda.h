@@ -1,6 +1,6 @@
 // What the CUDA kernels share: element types on the device, 16-byte packs, shared memory, launches.
-// Included by *_cuda.cu only. nvcc compiles those files for GPUs; the tests compile the same files with g++ for the CPU,
-// where tests/cuda/emulator/cuda_runtime.h stands in for NVIDIA's.
+// Included by *_cuda.cu only. nvcc compiles those files for GPUs; the tests compile the same files with g++ for the
+// CPU, where tests/cuda/emulator/cuda_runtime.h stands in for NVIDIA's.
 #pragma once
 
 #include <cuda_runtime.h>
@@ -157,8 +157,8 @@ inline int64_t ceil_div(int64_t a, int64_t b) { return (a + b - 1) / b; }
 
 /// Starts `kernel` with `blocks` blocks (none: nothing happens) on the stream. Only queues work: fit for graph capture.
 template <class... Parameters, class... Arguments>
-void launch(const char* name, void (*kernel)(Parameters...), int64_t blocks, dim3 threads, int64_t shared, Stream stream,
-            const Arguments&... arguments) {
+void launch(const char* name, void (*kernel)(Parameters...), int64_t blocks, dim3 threads, int64_t shared,
+            [[maybe_unused]] Stream stream, const Arguments&... arguments) {
   if (blocks == 0) return;
   if (blocks > 0x7fffffff) throw std::runtime_error(std::string(name) + ": the tensor is too large for one CUDA grid");
   const unsigned grid = static_cast<unsigned>(blocks);
@@ -180,9 +180,9 @@ void launch(const char* name, void (*kernel)(Parameters...), int64_t blocks, dim
 }
 
 /// Defines the functions that ANYNET_DECLARE_KERNEL (isa.h) declares, for all element types.
-#define ANYNET_INSTANTIATE_CUDA_KERNEL(name, Args)          \
-  template void name<float>(const Args<float>&, Stream);    \
-  template void name<double>(const Args<double>&, Stream);  \
+#define ANYNET_INSTANTIATE_CUDA_KERNEL(name, Args)           \
+  template void name<float>(const Args<float>&, Stream);     \
+  template void name<double>(const Args<double>&, Stream);   \
   template void name<float16>(const Args<float16>&, Stream); \
   template void name<bfloat16>(const Args<bfloat16>&, Stream);
 

@@ -40,9 +40,9 @@ ANYNET_DEVICE A sample(Position<A> at, A pixel, A next) {
 constexpr unsigned all_lanes = 0xffffffffu;
 
 /// For a warp that owns the pixels [begin, begin + 32) of a row: calls body(x, position of x), with the same arguments
-/// in every lane, for each x in [0, width) in order whose position, or one up to `reach` below it, touches those pixels.
-/// `position(x)` tells where x samples. This turns the scatter of a backward pass into a gather without atomics: a
-/// warp looks at 32 pixels at a time, and only spends time on those that matter.
+/// in every lane, for each x in [0, width) in order whose position, or one up to `reach` below it, touches those
+/// pixels. `position(x)` tells where x samples. This turns the scatter of a backward pass into a gather without
+/// atomics: a warp looks at 32 pixels at a time, and only spends time on those that matter.
 template <class A, class PositionOf, class Body>
 ANYNET_DEVICE void for_each_sampler(int begin, int width, int reach, const PositionOf& position, const Body& body) {
   const int lane = threadIdx.x % 32;

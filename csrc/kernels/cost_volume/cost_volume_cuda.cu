@@ -1,8 +1,8 @@
-// Without disparity, forward: a warp computes 128 pixels x 8 offsets (4 in double), 4 neighbouring pixels per thread, in
-// registers. Tiles of both rows lie in shared memory for a few channels at a time, so that the warps of a block, which
-// have different offsets, read the features once for up to 128 offsets.
-// With disparity, forward: one thread per pixel and 8 offsets; neighbouring offsets share a sample's pixels.
-// Backward: gathered, so each gradient is written once and always the same way.
+// Without disparity, forward: a warp computes 128 pixels x 8 offsets (4 in double), 4 neighbouring pixels per thread,
+// in registers. Tiles of both rows lie in shared memory for a few channels at a time, so that the warps of a block,
+// which have different offsets, read the features once for up to 128 offsets. With disparity, forward: one thread per
+// pixel and 8 offsets; neighbouring offsets share a sample's pixels. Backward: gathered, so each gradient is written
+// once and always the same way.
 #include <cmath>
 
 #include "../common/cuda.h"
@@ -64,7 +64,8 @@ __global__ void __launch_bounds__(32 * most_groups) forward_grid(CostVolume<T> a
   const int64_t right_begin = x_begin - a.first - (k_begin + block_offsets - 1);
 
   SharedMemory shared;
-  A* const left = shared.take<A>(layout.rows * staged_channels * tile_pixels) + local_row * staged_channels * tile_pixels;
+  A* const left =
+      shared.take<A>(layout.rows * staged_channels * tile_pixels) + local_row * staged_channels * tile_pixels;
   A* const right =
       shared.take<A>(layout.rows * staged_channels * right_pixels) + local_row * staged_channels * right_pixels;
 
@@ -368,8 +369,8 @@ void cost_volume_backward(const CostVolumeBackward<T>& args, Stream stream) {
            ceil_div(rows * ceil_div(size[3], 32), threads_per_block / 32), threads_per_block, 0, stream, a);
   } else {
     a.first = limit_first(a.first);
-    launch("cost_volume_backward", backward_grid<T>, 2 * rows * ceil_div(size[3], threads_per_block),
-           threads_per_block, shared_bytes<A>(backward_channels * (threads_per_block + backward_offsets)), stream, a);
+    launch("cost_volume_backward", backward_grid<T>, 2 * rows * ceil_div(size[3], threads_per_block), threads_per_block,
+           shared_bytes<A>(backward_channels * (threads_per_block + backward_offsets)), stream, a);
   }
 }
 

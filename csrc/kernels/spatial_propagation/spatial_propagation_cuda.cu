@@ -2,7 +2,8 @@
 // hands its newest value to its two neighbours through shared memory, one barrier per step (two buffers in turn).
 // Threads read whole 32-byte sectors of their line where it is contiguous (left to right), neighbouring threads
 // neighbouring elements otherwise, and always a few steps ahead, so that memory works while the scan waits.
-// Planes of more than 512 lines (backward: 384) go through a plainer kernel: several lines per thread, nothing read ahead.
+// Planes of more than 512 lines (backward: 384) go through a plainer kernel: several lines per thread, nothing read
+// ahead.
 #include <cmath>
 
 #include "../common/cuda.h"
@@ -121,7 +122,9 @@ struct Exchange {
 // ------------------------------------------------------------------------------------------------------------ forward
 /// Steps read at once: as many as registers allow.
 template <class T, bool Packs>
-constexpr int forward_steps = sizeof(T) == 8 ? 4 : Packs ? 8 : 6;
+constexpr int forward_steps = sizeof(T) == 8 ? 4
+                              : Packs        ? 8
+                                             : 6;
 
 template <class T, bool Packs>
 __global__ void __launch_bounds__(most_lines) forward(Forward<T> a) {
@@ -186,8 +189,8 @@ __global__ void __launch_bounds__(threads_of_many) forward_many(Forward<T> a) {
     for (int r = threadIdx.x; r < a.lines; r += blockDim.x) {
       const auto gate = [&](int j) { return read(a.gate[j].line(n, c, r) + t * a.gate[j].along); };
       const Gates<A> gates(gate(0), gate(1), gate(2), t, r, a.lines);
-      const A value = gates.rest() * read(a.input.line(n, c, r) + t * a.input.along) +
-                      gates.before * previous[r - 1] + gates.same * previous[r] + gates.after * previous[r + 1];
+      const A value = gates.rest() * read(a.input.line(n, c, r) + t * a.input.along) + gates.before * previous[r - 1] +
+                      gates.same * previous[r] + gates.after * previous[r + 1];
       h.buffer(t)[r] = value;
       a.out.line(n, c, r)[t * a.out.along] = from_accumulator<T>(value);
     }
@@ -279,8 +282,8 @@ __global__ void __launch_bounds__(most_lines_backward) backward(Backward<T> a) {
       const Gates<A> gates(to_accumulator(g[0][i]), to_accumulator(g[1][i]), to_accumulator(g[2][i]), t, r, a.lines);
       if (real) {
         const T before = i > 0 ? h[i > 0 ? i - 1 : 0] : next_h[N - 1];  // h at t - 1; unused at t = 0
-        const BackwardStep<A> step(exchange, i, r, t, a.lines, to_accumulator(e[i]) + flow, gates,
-                                   to_accumulator(x[i]), to_accumulator(before));
+        const BackwardStep<A> step(exchange, i, r, t, a.lines, to_accumulator(e[i]) + flow, gates, to_accumulator(x[i]),
+                                   to_accumulator(before));
         flow = step.flow;
         if (t > 1) {
           const T two_before = i > 1 ? h[i > 1 ? i - 2 : 0] : next_h[N - 2 + i];
@@ -324,7 +327,8 @@ __global__ void __launch_bounds__(threads_of_many) backward_many(Backward<T> a) 
       flow[r] = step.flow;
       if (t > 1) exchange.h.buffer(from + 1)[r] = read(a.out.line(n, c, r) + (t - 2) * a.out.along);
       a.grad_input.line(n, c, r)[t * a.grad_input.along] = from_accumulator<T>(step.input);
-      for (int j = 0; j < 3; ++j) a.grad_gate[j].line(n, c, r)[t * a.grad_gate[j].along] = from_accumulator<T>(step.gate[j]);
+      for (int j = 0; j < 3; ++j)
+        a.grad_gate[j].line(n, c, r)[t * a.grad_gate[j].along] = from_accumulator<T>(step.gate[j]);
     }
     __syncthreads();
   }

@@ -60,8 +60,8 @@ __global__ void __launch_bounds__(threads_per_block) backward(WarpBackward<T> a)
 #pragma unroll 4
     for (int64_t c = 0; c < C; ++c) {
       const T* source = image + c * a.image.stride[1];
-      const A step = pixel(source, a.image.stride[3], at.index + 1, width) -
-                     pixel(source, a.image.stride[3], at.index, width);
+      const A step =
+          pixel(source, a.image.stride[3], at.index + 1, width) - pixel(source, a.image.stride[3], at.index, width);
       sum -= read(grad + c * a.grad.stride[1] + x * a.grad.stride[3]) * step;
     }
     a.grad_disparity[row * W + x] = from_accumulator<T>(sum);
@@ -74,7 +74,8 @@ __global__ void __launch_bounds__(threads_per_block) backward(WarpBackward<T> a)
 #pragma unroll
       for (int i = 0; i < channels_at_once; ++i) {
         // The same address in every lane. Lanes that this pixel did not sample must not add 0 * infinity.
-        if (c + i < C && weight != 0) sum[i] += weight * read(grad + (c + i) * a.grad.stride[1] + sampler * a.grad.stride[3]);
+        if (c + i < C && weight != 0)
+          sum[i] += weight * read(grad + (c + i) * a.grad.stride[1] + sampler * a.grad.stride[3]);
       }
     });
     if (x < width) {

@@ -9,12 +9,13 @@
 // What it cannot show: warps in lockstep, the GPU's memory model, speed.
 #pragma once
 
+#include <math.h>
+
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
 #include <functional>
-#include <math.h>
 
 #define __global__
 #define __device__
