@@ -26,12 +26,27 @@ for _function in (_C.anynet_isa, _C.anynet_isa_built, _C.anynet_build_config):
     _function.restype = ctypes.c_char_p
 
 
+def _load_cuda() -> str:
+    """Loads the CUDA operators if they were built, which needs no GPU. Says "yes", or why there are none."""
+    if not (_FOLDER / "_C_cuda.so").exists():
+        return "not built"
+    try:
+        _load("_C_cuda.so")
+    except OSError as error:
+        return f"not loaded: {error}"
+    return "yes"
+
+
+_CUDA = _load_cuda()
+
+
 def build_info() -> dict[str, Any]:
     """What was built and what is in use: compiler, instruction sets, threads, CUDA or why not."""
     return {
         "config": _C.anynet_build_config().decode(),
         "instruction_sets": _C.anynet_isa_built().decode().split(),
         "instruction_set": _C.anynet_isa().decode(),
+        "cuda_operators": _CUDA,
         "threads": torch.get_num_threads(),
         "torch": torch.__version__,
     }
