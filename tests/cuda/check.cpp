@@ -127,9 +127,9 @@ void check_warp(const char* type, int64_t N, int64_t C, int64_t H, int64_t W, La
   out.compare(what);
   baseline::warp_backward<T>(
       {grad.host(), image.host(), disparity.host(), grad_image.host_data(), grad_disparity.host_data()}, 1);
-  cuda::warp_backward<T>({grad.device(), image.device(), disparity.device(), grad_image.device_data(),
-                          grad_disparity.device_data()},
-                         nullptr);
+  cuda::warp_backward<T>(
+      {grad.device(), image.device(), disparity.device(), grad_image.device_data(), grad_disparity.device_data()},
+      nullptr);
   grad_image.compare(what + " backward, image");
   grad_disparity.compare(what + " backward, disparity");
 }
@@ -137,8 +137,8 @@ void check_warp(const char* type, int64_t N, int64_t C, int64_t H, int64_t W, La
 template <class T>
 void check_cost_volume(const char* type, int64_t N, int64_t C, int64_t H, int64_t W, int64_t first, int64_t K,
                        bool with_disparity, Layout layout) {
-  const std::string what = describe(with_disparity ? "cost_volume with disparity" : "cost_volume", type,
-                                    {N, C, H, W, first, K}, layout);
+  const std::string what =
+      describe(with_disparity ? "cost_volume with disparity" : "cost_volume", type, {N, C, H, W, first, K}, layout);
   const Array<T> left({N, C, H, W}, layout), right({N, C, H, W}, layout), map({N, 1, H, W}, layout, 40),
       grad({N, K, H, W}, layout);
   Array<T> out({N, K, H, W}), grad_left({N, C, H, W}), grad_right({N, C, H, W}), grad_map({N, 1, H, W});
@@ -147,10 +147,9 @@ void check_cost_volume(const char* type, int64_t N, int64_t C, int64_t H, int64_
   baseline::cost_volume<T>({left.host(), right.host(), on_host, first, K, out.host_data()}, 1);
   cuda::cost_volume<T>({left.device(), right.device(), on_device, first, K, out.device_data()}, nullptr);
   out.compare(what);
-  baseline::cost_volume_backward<T>(
-      {grad.host(), left.host(), right.host(), on_host, first, K, grad_left.host_data(), grad_right.host_data(),
-       with_disparity ? grad_map.host_data() : nullptr},
-      1);
+  baseline::cost_volume_backward<T>({grad.host(), left.host(), right.host(), on_host, first, K, grad_left.host_data(),
+                                     grad_right.host_data(), with_disparity ? grad_map.host_data() : nullptr},
+                                    1);
   cuda::cost_volume_backward<T>(
       {grad.device(), left.device(), right.device(), on_device, first, K, grad_left.device_data(),
        grad_right.device_data(), with_disparity ? grad_map.device_data() : nullptr},
@@ -171,9 +170,9 @@ void check_spatial_propagation(const char* type, int64_t N, int64_t C, int64_t H
   baseline::spatial_propagation<T>({input.host(), gates.host(), direction, out.host_data()}, 1);
   cuda::spatial_propagation<T>({input.device(), gates.device(), direction, out.device_data()}, nullptr);
   out.compare(what);
-  baseline::spatial_propagation_backward<T>({grad.host(), input.host(), gates.host(), h.host(), direction,
-                                             grad_input.host_data(), grad_gates.host_data()},
-                                            1);
+  baseline::spatial_propagation_backward<T>(
+      {grad.host(), input.host(), gates.host(), h.host(), direction, grad_input.host_data(), grad_gates.host_data()},
+      1);
   cuda::spatial_propagation_backward<T>({grad.device(), input.device(), gates.device(), h.device(), direction,
                                          grad_input.device_data(), grad_gates.device_data()},
                                         nullptr);
@@ -240,8 +239,11 @@ void time_all() {
     int64_t C, H, W, first, K;
     bool with_disparity;
   };
-  for (const Stage& s : {Stage{8, 24, 80, 0, 12, false}, {4, 48, 160, -2, 5, true}, {2, 96, 320, -2, 5, true},
-                         {32, 384, 1280, 0, 48, false}, {32, 384, 1280, -2, 5, true}}) {
+  for (const Stage& s : {Stage{8, 24, 80, 0, 12, false},
+                         {4, 48, 160, -2, 5, true},
+                         {2, 96, 320, -2, 5, true},
+                         {32, 384, 1280, 0, 48, false},
+                         {32, 384, 1280, -2, 5, true}}) {
     Array<float> left({1, s.C, s.H, s.W}), right({1, s.C, s.H, s.W}), map({1, 1, s.H, s.W}), out({1, s.K, s.H, s.W});
     const View4<const float> none{}, disparity = s.with_disparity ? map.device() : none;
     const int64_t maps = s.with_disparity ? map.bytes() : 0, pair = left.bytes() + right.bytes();
@@ -257,12 +259,10 @@ void time_all() {
            grad_right.device_data(), s.with_disparity ? grad_map.device_data() : nullptr},
           nullptr);
     });
-    report(("soft_argmin " + size).c_str(), out.bytes() + map.bytes(), [&] {
-      cuda::soft_argmin<float>({out.device(), s.first, map.device_data()}, nullptr);
-    });
-    report(("warp " + size).c_str(), 2 * left.bytes() + map.bytes(), [&] {
-      cuda::warp<float>({left.device(), map.device(), grad_left.device_data()}, nullptr);
-    });
+    report(("soft_argmin " + size).c_str(), out.bytes() + map.bytes(),
+           [&] { cuda::soft_argmin<float>({out.device(), s.first, map.device_data()}, nullptr); });
+    report(("warp " + size).c_str(), 2 * left.bytes() + map.bytes(),
+           [&] { cuda::warp<float>({left.device(), map.device(), grad_left.device_data()}, nullptr); });
   }
   for (int direction = 0; direction < 4; ++direction) {
     Array<float> input({1, 8, 96, 320}), out({1, 8, 96, 320});

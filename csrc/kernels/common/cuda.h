@@ -102,7 +102,9 @@ ANYNET_DEVICE Pack<T, N> read_pack(const T* p) {
 
 template <class T, int N>
 ANYNET_DEVICE void write_pack(T* p, const Pack<T, N>& pack) {
-  *reinterpret_cast<Pack<T, N>*>(p) = pack;
+  typename Word<sizeof(T) * N>::type word;
+  memcpy(&word, &pack, sizeof(word));
+  *reinterpret_cast<decltype(word)*>(p) = word;
 }
 
 /// Elements of T in 16 bytes.
