@@ -46,21 +46,25 @@ def _draw(scene: Scene, eye: int) -> tuple[Image, Field]:
         if fragment is None:
             continue
         part = window.slices
-        front = cv2.compare(fragment.disparity, solid[part], cv2.CMP_GE)
-        left, top, wide, tall = cv2.boundingRect(cv2.copyTo(cv2.inRange(fragment.coverage, 1 / 255, 1), front))
+        seen = cv2.bitwise_and(fragment.coverage, cv2.compare(fragment.disparity, solid[part], cv2.CMP_GE))
+        left, top, wide, tall = cv2.boundingRect(seen)
         if wide:
-            opaque = cv2.inRange(fragment.coverage, 0.999, 1)
-            cv2.copyTo(fragment.disparity, cv2.bitwise_and(front, opaque), solid[part])
+            cv2.copyTo(fragment.disparity, cv2.inRange(seen, 255, 255), solid[part])
             x, y = left + window.left, top + window.top
             fragments.append((fragment, Window(x, y, x + wide, y + tall)))
     image, nearest = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32)
-    for fragment, seen in reversed(fragments):
-        part = seen.within(fragment.window)
-        disparity, behind, target = fragment.disparity[part], nearest[seen.slices], image[seen.slices]
-        front = cv2.compare(disparity, cv2.max(behind, solid[seen.slices]), cv2.CMP_GE)
-        share = cv2.copyTo(fragment.coverage[part], front)
-        target[:] = cv2.blendLinear(fragment.paint(seen), target, share, 1 - share)
-        cv2.copyTo(disparity, cv2.inRange(share, 0.5, 1), behind)
+    for fragment, box in reversed(fragments):
+        part = box.within(fragment.window)
+        disparity, behind, target = fragment.disparity[part], nearest[box.slices], image[box.slices]
+        front = cv2.compare(disparity, cv2.max(behind, solid[box.slices]), cv2.CMP_GE)
+        cover = cv2.bitwise_and(fragment.coverage[part], front)
+        colour = fragment.paint(box)
+        partial = cv2.inRange(cover, 1, 254)
+        if cv2.hasNonZero(partial):
+            share = cover.astype(np.float32) * np.float32(1 / 255)
+            cv2.copyTo(cv2.blendLinear(colour, target, share, 1 - share), partial, target)
+        cv2.copyTo(colour, cv2.inRange(cover, 255, 255), target)
+        cv2.copyTo(disparity, cv2.inRange(cover, 128, 255), behind)
     return image, nearest
 
 

@@ -6,6 +6,7 @@ where a scene says. Object sizes follow a scene's `unit`, about 0.54 m (KITTI's 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -136,20 +137,7 @@ class Scene:
                 if sign * normal @ middle >= 0 and sign * normal @ (middle - np.array([1.0, 0, 0])) >= 0:
                     continue  # turned away from both eyes
                 light = self.rng.uniform(0.5, 1.2)
-                material = self.material(kind, tile, light, weak, gloss)
-                if same:
-                    table = np.clip(shared.table * light, 0, 255).astype(np.uint8)  # type: ignore[operator]
-                    material = Material(
-                        shared.kind,
-                        shared.variant,
-                        shared.tile,
-                        shared.offset,
-                        shared.turn,
-                        table,
-                        1.0,
-                        gloss,
-                        shared.glow,
-                    )
+                material = shared.lit(light) if same else self.material(kind, tile, light, weak, gloss)
                 self.patch(middle - (across + down) / 2, across, down, material)
 
     def pole(
@@ -235,7 +223,7 @@ class Scene:
             )
 
     def person(self, foot: Vector, height: float) -> None:
-        rng, upright = self.rng, rotation(rng_angle(self.rng), np.pi / 2)
+        rng, upright = self.rng, rotation(rng_angle(self.rng)) @ rotation(0, np.pi / 2)
         cloth = ("plain", "noise", "fabric", "stripes", "photo")
         for side in (-1, 1):
             leg = foot + [side * height * 0.06, -height * 0.24, rng.normal(0, 0.05) * height]
@@ -260,33 +248,29 @@ class Scene:
         )
 
     def car(self, foot: Vector, yaw: float, unit: float) -> None:
-        """Body, cabin and wheels; painted, hardly textured, mirroring."""
+        """A profile drawn out across, sides, windows and wheels; painted, hardly textured, mirroring."""
         rng, frame = self.rng, rotation(yaw)
         width, length = unit * rng.uniform(2.9, 3.6), unit * rng.uniform(6.5, 9)
-        body, cabin = unit * rng.uniform(1.1, 1.6), unit * rng.uniform(1.0, 1.5) * rng.choice([1, 1, 1, 1.7])
-        lift = unit * 0.4
+        lift, height = unit * 0.35, unit * rng.choice([rng.uniform(2.1, 2.6), rng.uniform(2.6, 4.2)], p=[0.7, 0.3])
         up = np.array([0, -1.0, 0])
+        variant = int(rng.integers(textures.VARIANTS))
         self.shadow(foot, width * 1.3, length * 1.1)
-        self.box(
-            foot + up * lift,
-            (width, body, length),
-            frame,
-            ("plain", "plain", "noise"),
-            unit * 4,
-            weak=0.6,
-            gloss=rng.uniform(0.1, 0.4),
-            same=True,
+        paint = self.material(
+            ("plain", "plain", "plain", "noise", "gravel"), unit * 8, weak=0.6, gloss=rng.uniform(0.05, 0.35)
         )
-        back = frame[:, 2] * length * rng.uniform(-0.1, 0.1)
-        self.box(
-            foot + up * (lift + body) + back,
-            (width * 0.86, cabin, length * rng.uniform(0.45, 0.65)),
-            frame,
-            ("facade", "plain", "leaves"),
-            unit * 3,
-            weak=0.3,
-            gloss=rng.uniform(0.3, 0.6),
-        )
+        glass = self.material(("plain", "leaves", "noise"), unit * 4, 0.5, weak=0.5, gloss=rng.uniform(0.3, 0.7))
+        outline = [
+            foot + frame[:, 2] * (along - 0.5) * length + up * (lift + tall * height)
+            for along, tall in textures.car_profile(variant)
+        ]
+        for i, (a, b) in enumerate(itertools.pairwise(outline)):
+            material = glass if i in (2, 5) else paint.lit(rng.uniform(0.6, 1.25))
+            self.patch(a - frame[:, 0] * width / 2, frame[:, 0] * width, b - a, material)
+        for side in (-0.5, 0.5):
+            corner = foot + frame[:, 0] * side * width - frame[:, 2] * length / 2 + up * (lift + height)
+            self.patch(corner, frame[:, 2] * length, -up * height, paint.lit(0.8 + side / 2), ("car", variant))
+            outside = corner + frame[:, 0] * side * width * 4e-3
+            self.patch(outside, frame[:, 2] * length, -up * height, glass, ("car glass", variant))
         side = -1.0 if frame[:, 0] @ foot > 0 else 1.0
         black = Material("gravel", int(rng.integers(textures.VARIANTS)), unit * 2, table=tone(rng, 0.35))
         for along in (-0.31, 0.31):
@@ -349,7 +333,7 @@ class Scene:
                 centre, frame, (radius, radius, size / 2), self.material(ANY, size, weak=0.3, gloss=gloss), 0, taper
             )
             if upright:
-                top = 2 * radius * (1 + taper)
+                top = 2 * radius * (1 - taper)  # the axis points down
                 self.card(
                     centre - [0, size / 2, 0],
                     top,
@@ -412,8 +396,20 @@ def _sky(scene: Scene) -> None:
     z = c.focal / 0.05
     wide = np.array([3 * z * c.width / c.focal, 0, 0])
     tall = np.array([0, 4 * z * c.height / c.focal, 0])
-    material = scene.material(("sky",), 1.2 * z * c.width / c.focal, scene.rng.uniform(0.8, 1.3), weak=0)
+    material = scene.material(("sky",), 6 * z * c.width / c.focal, scene.rng.uniform(0.8, 1.3), weak=0)
     scene.patch(np.array([0, 0, z]) - (wide + tall) / 2, wide, tall, material)
+
+
+def _backdrop(scene: Scene, z: float) -> None:
+    """A wall square to the view at distance z, behind whatever else leaves gaps."""
+    c = scene.camera
+    wide, tall = np.array([3 * z * c.width / c.focal, 0, 0]), np.array([0, 4 * z * c.height / c.focal, 0])
+    middle = np.array([0, 0, z])
+    scene.patch(middle - (wide + tall) / 2, wide, tall, scene.material(ANY, z * c.height / c.focal, weak=0.3))
+
+
+def _slant(rng: Rng) -> Vector:
+    return rotation(*np.clip(rng.normal(0, 0.22, 2), -0.4, 0.4))
 
 
 def _ground(scene: Scene, y: float, kinds: Sequence[str], tile: float, near: float, far: float) -> None:
@@ -562,8 +558,9 @@ def room(rng: Rng, height: int, width: int) -> Scene:
     back = float(np.exp(rng.uniform(np.log(8), np.log(50))))  # disparity of the wall
     front = min(back * rng.uniform(1.6, 4.5), 150.0)
     z = camera.focal / back
-    wide, tall = 4 * z * width / camera.focal, 4 * z * height / camera.focal
-    frame = rotation(rng.normal(0, 0.25), rng.normal(0, 0.15))
+    wide, tall = 3 * z * width / camera.focal, 4 * z * height / camera.focal
+    frame = _slant(rng)
+    _backdrop(scene, 1.4 * z)
     walls = (*ANY, "plain", "fabric", "poster")
     centre = np.array([0, 0, z])
     if rng.random() < 0.25:
@@ -609,10 +606,10 @@ def room(rng: Rng, height: int, width: int) -> Scene:
         row = camera.cy + rng.uniform(0.15, 0.45) * height
         table = (row - camera.cy) / back
         _ground(scene, table, ANY, 0.5 * z * height / camera.focal, camera.focal / 185, z * 1.02)
-    count = int(rng.integers(4, 22))
+    count = int(rng.integers(6, 24))
     for _ in range(count):
         d = back * (front / back) ** rng.uniform(0.05, 1) if rng.random() < 0.7 else rng.uniform(back * 1.02, front)
-        size = height * float(np.exp(rng.uniform(np.log(0.1), np.log(0.75)))) / d * min(1.0, 0.6 + 0.4 * d / front)
+        size = height * float(np.exp(rng.uniform(np.log(0.2), np.log(1.3)))) / d * min(1.0, 0.6 + 0.4 * d / front)
         spot = scene.at(rng.uniform(-0.05, 1.05) * width, rng.uniform(0, 1) * height, d)
         if table is not None and rng.random() < 0.75:
             spot[1] = table - size / 2
@@ -670,12 +667,13 @@ def ground(rng: Rng, height: int, width: int) -> Scene:
 def things(rng: Rng, height: int, width: int) -> Scene:
     """Anything anywhere, at any angle, disparities to the limit."""
     camera = _camera(rng, height, width, (0.8, 2.0), (0.3, 0.7))
-    scene = Scene(rng, camera, _tilt(rng, 0.2))
+    scene = Scene(rng, camera, _tilt(rng, 0.12))
     back = float(np.exp(rng.uniform(np.log(2), np.log(45))))
     front = back + (rng.choice([60.0, 110.0, 180.0]) - back) * rng.uniform(0.4, 1)
     z = camera.focal / back
-    wide, tall = 5 * z * width / camera.focal, 5 * z * height / camera.focal
-    frame = rotation(rng.normal(0, 0.25), rng.normal(0, 0.25))
+    wide, tall = 3 * z * width / camera.focal, 4 * z * height / camera.focal
+    frame = _slant(rng)
+    _backdrop(scene, 1.6 * z)
     scene.card(
         np.array([0, 0, z]), wide, tall, frame, scene.material(ANY, 0.7 * z * height / camera.focal, weak=0.15), None
     )
@@ -690,7 +688,7 @@ def things(rng: Rng, height: int, width: int) -> Scene:
         )
     for _ in range(rng.integers(8, 36)):
         d = back * (front / back) ** rng.uniform(0, 1)
-        size = height * float(np.exp(rng.uniform(np.log(0.08), np.log(0.7)))) / d
+        size = height * float(np.exp(rng.uniform(np.log(0.1), np.log(0.9)))) / d
         scene.thing(scene.at(rng.uniform(-0.05, 1.05) * width, rng.uniform(-0.05, 1.05) * height, d), size, False)
     return scene
 

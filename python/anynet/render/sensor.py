@@ -23,7 +23,9 @@ def _grain() -> Image:
 
 def photograph(rng: Rng, left: Image, right: Image) -> tuple[Image, Image]:
     """Both images as two slightly different cameras would have taken them. uint8 [H, W, 3]."""
-    gamma, gain = np.exp(rng.normal(0, 0.25)), np.exp(rng.normal(0.0, 0.25))
+    gamma = np.exp(rng.normal(0, 0.25))
+    brightness = 255 * np.mean((left[::8, ::8] / 255) ** gamma)
+    gain = float(np.clip(rng.uniform(70, 150) / max(brightness, 1), 0.5, 3))  # automatic exposure
     lift, tint = rng.uniform(0, 0.06), rng.normal(1, 0.06, 3)
     blur = max(0.0, rng.normal(0.45, 0.25))
     noise = min(rng.exponential(2.2), 9.0)

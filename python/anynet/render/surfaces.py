@@ -8,7 +8,7 @@ r = (x - cx, y - cy, f), so that the point on it with disparity d is r / d (+ th
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
 import cv2
@@ -88,7 +88,7 @@ class Fragment(NamedTuple):
 
     window: Window
     disparity: Field  # [h, w]
-    coverage: Field  # [h, w], 0..1
+    coverage: Image  # [h, w], 255 = opaque
     paint: Callable[
         [Window], Image
     ]  # colours [h, w, 3] of a part of the window; costly, so asked only for what is seen
@@ -119,10 +119,18 @@ class Material:
     gloss: float = 0.0  # share of a mirrored environment in the colour
     glow: int = 0  # variant of that environment's texture
 
+    def lit(self, light: float) -> Material:
+        """The same material under brighter (> 1) or dimmer light."""
+        identity = np.repeat(np.arange(256, dtype=np.uint8)[:, None, None], 3, 2)
+        table = identity if self.table is None else self.table
+        return replace(self, table=np.clip(table * light, 0, 255).astype(np.uint8))
+
     def placement(self, width: float, height: float) -> NDArray[np.float64]:
         """Maps (u, v, 1) of a surface of this size in baselines to texels of the finest level."""
         size, (ou, ov) = textures.SIZE, self.offset
         a, b = size * width / self.tile, size * height / self.tile
+        if max(a, b) < size:  # stay inside the tile where that is possible: no seam
+            ou, ov = ou * (1 - max(a, b) / size), ov * (1 - max(a, b) / size)
         if self.turn:
             return np.array([[0, b, ou * size], [a, 0, ov * size], [0, 0, 1]])
         return np.array([[a, 0, ou * size], [0, b, ov * size], [0, 0, 1]])
@@ -197,7 +205,7 @@ class Patch:
         disparity = _affine(matrix[2], x, y)
         coverage = self._cut(matrix @ window.shift, window, camera, eye)
         if self.material.opacity < 1:
-            coverage *= np.float32(self.material.opacity)
+            coverage = cv2.convertScaleAbs(coverage, alpha=self.material.opacity)
 
         def paint(part: Window) -> Image:
             colour = self._paint(matrix @ part.shift, disparity[part.within(window)])
@@ -233,7 +241,7 @@ class Patch:
                 cv2.copyTo(view(level, part), band[part.slices], colour[part.slices])
         return colour
 
-    def _cut(self, matrix: NDArray[np.float64], window: Window, camera: Camera, eye: int) -> Field:
+    def _cut(self, matrix: NDArray[np.float64], window: Window, camera: Camera, eye: int) -> Image:
         if self.cutout is None:
             outline = np.clip(16 * (camera.project(self.hull, eye) - window[:2]), -(2.0**24), 2.0**24)
             mask = np.zeros(window.size[::-1], np.uint8)
@@ -247,7 +255,7 @@ class Patch:
             mask = cv2.warpPerspective(pyramid[level], _scaled(level) @ texels, window.size, flags=flags).astype(
                 np.uint8, copy=False
             )
-        return mask.astype(np.float32) * np.float32(1 / 255)
+        return mask.astype(np.uint8, copy=False)
 
 
 @dataclass(frozen=True)
@@ -283,14 +291,16 @@ class Relief(Patch):
             disparity = q * (1 + np.float32(self.strength) * bump)
         middle = camera.focal / self.depth
         if self.cutout is None:
-            coverage = ((u > 0) & (u < 1) & (v > 0) & (v < 1) & (q > 0)).astype(np.float32)
+            coverage = cv2.bitwise_and(
+                cv2.inRange(u, 0, 1), cv2.bitwise_and(cv2.inRange(v, 0, 1), cv2.inRange(q, 0, np.inf))
+            )
         else:
             masks = textures.shape(*self.cutout)
             n = textures.SHAPE_SIZE
             level = _level(masks, n * np.sqrt(abs(np.linalg.det(matrix))) * middle**-1.5)
             s = n * 0.5**level
             mask = cv2.remap(masks[level], u * np.float32(s) - 0.5, v * np.float32(s) - 0.5, cv2.INTER_LINEAR)
-            coverage = mask.astype(np.float32) * np.float32(1 / 255)
+            coverage = mask.astype(np.uint8, copy=False)
 
         def paint(part: Window) -> Image:
             cut = part.within(window)
@@ -356,8 +366,9 @@ class Quadric:
         hit &= np.abs(s[2]) <= 1
         if not hit.any():
             return None
-        edge = cv2.blur(hit.astype(np.float32), (3, 3))
-        coverage = np.where(hit, 0.4 + 0.6 * edge, 0).astype(np.float32) * np.float32(self.material.opacity)
+        solid = hit.view(np.uint8) * np.uint8(255)
+        soft = cv2.addWeighted(solid, 0.4, cv2.blur(solid, (3, 3)), 0.6 * self.material.opacity, 0)
+        coverage = cv2.bitwise_and(solid, soft)
 
         def paint(part: Window) -> Image:
             cut = part.within(window)

@@ -373,6 +373,30 @@ def _wires(rng: Rng) -> Image:
     return mask
 
 
+def car_profile(variant: int) -> NDArray[np.float64]:
+    """Outline of a car's side from bumper to bumper over the roof: [9, 2] of (along, height) in 0..1."""
+    rng = np.random.default_rng([300, variant])
+    belt = rng.uniform(0.5, 0.65)
+    bonnet, pillar = rng.uniform(0.05, 0.3), rng.uniform(0.06, 0.16)
+    rear, slope = rng.uniform(0.8, 0.99), rng.uniform(0.01, 0.16)
+    nose, tail = belt * rng.uniform(0.75, 0.95), belt * rng.uniform(0.9, 1.1)
+    return np.array([
+        (0, 0), (0, nose), (bonnet, belt), (bonnet + pillar, 1), (0.5 * (bonnet + pillar + rear), 1.0),
+        (rear - slope, 0.98), (rear, tail), (1, tail * 0.97), (1, 0),
+    ])  # fmt: skip
+
+
+def _car(variant: int, glass: bool) -> Image:
+    points = car_profile(variant)
+    if glass:  # the part above the belt, shrunk
+        points = points[2:7]
+        points = points.mean(0) + 0.8 * (points - points.mean(0))
+    mask = np.zeros((SHAPE_SIZE, SHAPE_SIZE), np.uint8)
+    pixels = np.stack([points[:, 0], 1 - points[:, 1]], 1) * (SHAPE_SIZE - 1)
+    cv2.fillPoly(mask, [np.round(pixels).astype(np.int32)], 255, cv2.LINE_AA)
+    return mask
+
+
 def _ring(rng: Rng) -> Image:
     mask = _ellipse(rng)
     centre = SHAPE_SIZE // 2
@@ -412,6 +436,8 @@ def texture(kind: str, variant: int) -> Sequence[Image]:
 @functools.cache
 def shape(kind: str, variant: int) -> Sequence[Image]:
     """Mip pyramid of one cut-out shape, uint8 [size, size], 255 inside."""
+    if kind in ("car", "car glass"):
+        return _pyramid(_car(variant, kind == "car glass"))
     return _pyramid(_SHAPES[kind](np.random.default_rng([100 + SHAPES.index(kind), variant])))
 
 
