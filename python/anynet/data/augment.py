@@ -58,10 +58,9 @@ def _rescaled(sample: StereoSample, size: tuple[int, int], scale: float, rng: Rn
     source = min(shape[0], max(1, round(height / scale))), min(shape[1], max(1, round(width / scale)))
     part = _cut(sample, _window(shape, source, rng, sample.name))
     ratio = width / source[1]
-    interpolation = cv2.INTER_AREA if ratio < 1 else cv2.INTER_LINEAR
 
     def picture(image: Image) -> Image:
-        return cv2.resize(image, (width, height), interpolation=interpolation).astype(np.uint8, copy=False)
+        return cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR).astype(np.uint8, copy=False)
 
     def mask(flags: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
         if flags is None:
@@ -91,7 +90,10 @@ def _photometric(images: tuple[Image, Image], rng: Rng) -> tuple[Image, Image]:
         level = np.linspace(0, 1, 256)[:, None] ** (gamma * np.exp(rng.normal(0, 0.05) * apart))
         table = ((level - 0.4) * contrast + 0.4) * gain * own
         table = np.clip(255 * table, 0, 255).astype(np.uint8)
-        changed.append(cv2.LUT(image[..., order], table[:, None]).astype(np.uint8, copy=False))
+        channels = cv2.split(image)
+        changed.append(
+            cv2.merge([cv2.LUT(channels[c], table[:, i]) for i, c in enumerate(order)]).astype(np.uint8, copy=False)
+        )
     return changed[0], changed[1]
 
 

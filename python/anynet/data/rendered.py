@@ -71,7 +71,7 @@ class RenderedFolder(Dataset):
     def load(self, index: int) -> RenderedSample:
         path = self._files[index]
         record: NDArray[Any] = np.load(path, mmap_mode="r")
-        disparity, right_disparity = record["disparity"].astype(np.float32) / SCALE
+        disparity, right_disparity = np.multiply(record["disparity"], np.float32(1 / SCALE), dtype=np.float32)
         occluded, right_occluded = record["occluded"]
         return RenderedSample(
             left=record["left"],
