@@ -102,7 +102,7 @@ def stages_picture(left: Picture, stages: Sequence[tuple[str, Map]], truth: Map 
     pictures += [(title, picture_of(disparity, limits)) for title, disparity in stages]
     if truth is not None:
         pictures += [
-            (f"error, {title}", error_picture(disparity, truth)) for title, disparity in (stages[0], stages[-1])
+            (f"error of {title}", error_picture(disparity, truth)) for title, disparity in (stages[0], stages[-1])
         ]
     return panels(pictures)
 

@@ -34,7 +34,7 @@ def demo(
     weights: Annotated[str, typer.Option(help="A packaged name, or a path.")] = "default",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
 ) -> None:
-    """Run all stages on one pair: a table of times and errors, a picture of the stages, a point cloud.
+    """Every stage on one pair: a table of times and errors, a picture of the stages, a point cloud.
 
     The pair is Middlebury's Motorcycle, which scikit-image carries, or a rendered one, or your own.
     """
@@ -101,8 +101,10 @@ def _print_table(sample: StereoSample, estimates: list[Estimate], times: list[fl
     from anynet.evaluation.metrics import scores
 
     height, width = sample.disparity.shape
-    table = Table("stage", "ms", "EPE px", "bad-2 %", "D1 %", title=f"{sample.name}, {width} x {height}")
     mask = region_mask(sample, "all")
+    table = Table(title=f"{sample.name}, {width} x {height}")
+    for column in ("stage", "ms", "EPE px", "bad-2 %", "D1 %")[: 5 if mask.any() else 2]:
+        table.add_column(column, justify="right")
     for estimate, time in zip(estimates, times, strict=True):
         row = [str(estimate.stage), f"{time:.1f}"]
         if mask.any():
@@ -121,7 +123,7 @@ def _write(
 
     make_folder(out)
     truth = np.where(sample.valid, sample.disparity, np.float32(np.nan)) if sample.valid.any() else None
-    stages = [(f"stage {e.stage}, {t:.1f} ms", e.disparity) for e, t in zip(estimates, times, strict=True)]
+    stages = [(f"stage {e.stage} ({t:.1f} ms)", e.disparity) for e, t in zip(estimates, times, strict=True)]
     files = [out / "stages.png"]
     write_image(files[0], stages_picture(sample.left, stages, truth))
     if calibration is not None:

@@ -15,7 +15,6 @@ def info(
 ) -> None:
     """What is installed: build, instruction set, threads, weights."""
     import anynet_ext
-
     from anynet.checkpoint import PACKAGED, load_metadata
 
     try:
