@@ -75,8 +75,13 @@ def test_interrupt(folders: tuple[Path, Path], weights: Path, tmp_path: Path) ->
             os.link(folder / "a.png", folder / f"{number:03}.png")
     out = tmp_path / "out"
     arguments = [*MODULE, "predict", *map(str, folders), "--out", str(out), "--weights", str(weights)]
-    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stdout is not None
+    process = subprocess.Popen(
+        arguments,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # the tests may run where it is ignored
+    )
     deadline = time.monotonic() + 120
     while not (out.exists() and len(list(out.iterdir())) > 2) and time.monotonic() < deadline:
         time.sleep(0.05)
