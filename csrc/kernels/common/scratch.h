@@ -16,7 +16,7 @@ class Scratch {
   ~Scratch() { std::free(data_); }
   Scratch(const Scratch&) = delete;
   Scratch& operator=(const Scratch&) = delete;
-  operator A*() { return data_; }
+  operator A*() const { return data_; }
 
  private:
   A* data_;

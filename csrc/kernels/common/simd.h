@@ -52,6 +52,20 @@ ANYNET_INLINE vec<A> splat(A a) {
   return a - vec<A>{};
 }
 
+template <class A>
+ANYNET_INLINE vec<A> absolute(vec<A> v) {
+  using mask = typename Simd<A>::mask;
+  return reinterpret_cast<vec<A>>(reinterpret_cast<mask>(v) & ~reinterpret_cast<mask>(splat<A>(-A(0))));
+}
+
+/// A number as a type, for templates.
+template <int value>
+struct Constant {
+  constexpr int operator()() const { return value; }
+};
+
+constexpr int64_t round_up(int64_t count, int64_t step) { return (count + step - 1) / step * step; }
+
 ANYNET_INLINE float to_float(float16 h) {
   _Float16 f;
   std::memcpy(&f, &h, sizeof(f));
@@ -102,6 +116,13 @@ ANYNET_INLINE const accumulator_t<T>* read_row(const T* p, int64_t stride, int64
     for (int64_t i = 0; i < count; ++i) scratch[i] = to_accumulator(p[i * stride]);
   }
   return scratch;
+}
+
+/// The same, always copied to `out`.
+template <class T>
+ANYNET_INLINE void copy_row(const T* p, int64_t stride, int64_t count, accumulator_t<T>* out) {
+  const accumulator_t<T>* row = read_row(p, stride, count, out);
+  if (row != out) std::memcpy(out, row, count * sizeof(*out));
 }
 
 template <class T>

@@ -1,41 +1,102 @@
 #include "../common/parallel.h"
 #include "../common/scratch.h"
 #include "../common/simd.h"
+#include "../common/transpose.h"
 #include "spatial_propagation.h"
 
 namespace anynet::ANYNET_ISA {
 
 namespace {
 
-/// One channel of a tensor, seen along the scan: line t holds the elements p[t * along + r * across].
-template <class P>
-struct Plane {
-  P* p;
-  int64_t along, across;
+/// How a channel is scanned: `steps` lines of `length` elements, in blocks of `block` lines. A line is a column of the
+/// image for horizontal scans, a row for vertical ones.
+struct Scan {
+  bool horizontal, descending;
+  int64_t steps, length;
 
-  /// `row` and `column` are the strides of the channel's rows and columns.
-  Plane(P* data, int64_t row, int64_t column, int64_t H, int64_t W, int direction)
-      : p(data), along(direction < 2 ? column : row), across(direction < 2 ? row : column) {
-    if (direction % 2 == 1) {
-      p += ((direction < 2 ? W : H) - 1) * along;
-      along = -along;
-    }
-  }
+  Scan(int64_t H, int64_t W, int direction)
+      : horizontal(direction < 2),
+        descending(direction % 2 == 1),
+        steps(horizontal ? W : H),
+        length(horizontal ? H : W) {}
 };
 
-template <class T, int Rank>
-Plane<const T> plane(const View<const T, Rank>& v, int64_t offset, int direction) {
-  return {v.data + offset, v.stride[Rank - 2], v.stride[Rank - 1], v.size[Rank - 2], v.size[Rank - 1], direction};
-}
+/// A block of lines in scratch, each with zeros before and after it.
+template <class A>
+class Lines {
+ public:
+  static constexpr int64_t block = lanes<A>;
 
-template <class T>
-const accumulator_t<T>* read_line(const Plane<const T>& plane, int64_t t, int64_t R, accumulator_t<T>* scratch) {
-  return read_row(plane.p + t * plane.along, plane.across, R, scratch);
-}
+  explicit Lines(int64_t length) : pitch_(round_up(length, lanes<A>) + 2 * lanes<A>), data_(block * pitch_) {
+    fill_zero<A>(data_, block * pitch_);
+  }
 
-template <class T>
-void write_line(const accumulator_t<T>* line, int64_t R, const Plane<T>& plane, int64_t t) {
-  for (int64_t r = 0; r < R; ++r) plane.p[t * plane.along + r * plane.across] = from_accumulator<T>(line[r]);
+  A* operator[](int64_t i) { return data_ + i * pitch_ + lanes<A>; }
+
+  /// Reads lines [begin, begin + count) of a channel whose rows and columns have these strides.
+  template <class T>
+  void read(const Scan& scan, const T* p, int64_t row_stride, int64_t column_stride, int64_t begin, int64_t count) {
+    Lines& lines = *this;
+    if (!scan.horizontal) {
+      for (int64_t i = 0; i < count; ++i) {
+        copy_row(p + (begin + i) * row_stride, column_stride, scan.length, lines[i]);
+      }
+      return;
+    }
+    p += begin * column_stride;
+    for (int64_t r = 0; r < scan.length; r += block) {
+      vec<A> tile[block] = {};
+      for (int64_t i = 0; i < block && r + i < scan.length; ++i) {
+        A row[block] = {};
+        copy_row(p + (r + i) * row_stride, column_stride, count, row);
+        tile[i] = load(row);
+      }
+      transpose<A>(tile);
+      for (int64_t i = 0; i < block; ++i) store(lines[i] + r, tile[i]);
+    }
+  }
+
+  /// Writes lines [begin, begin + count) of a contiguous channel.
+  template <class T>
+  void write(const Scan& scan, T* p, int64_t begin, int64_t count) {
+    Lines& lines = *this;
+    if (!scan.horizontal) {
+      for (int64_t i = 0; i < count; ++i) write_row<T>(lines[i], scan.length, p + (begin + i) * scan.length);
+      return;
+    }
+    for (int64_t r = 0; r < scan.length; r += block) {
+      vec<A> tile[block];
+      for (int64_t i = 0; i < block; ++i) tile[i] = load(lines[i] + r);
+      transpose<A>(tile);
+      for (int64_t i = 0; i < block && r + i < scan.length; ++i) {
+        A row[block];
+        store(row, tile[i]);
+        write_row<T>(row, count, p + (r + i) * scan.steps + begin);
+      }
+    }
+  }
+
+ private:
+  const int64_t pitch_;
+  Scratch<A> data_;
+};
+
+/// Reads the three gates of a block of lines, with zeros for those whose neighbour lies outside.
+template <class T, class A>
+void read_gates(Lines<A>* lines, const Scan& scan, const View<const T, 5>& gates, int64_t n, int64_t c, int64_t begin,
+                int64_t count) {
+  const int64_t* stride = gates.stride;
+  for (int j = 0; j < 3; ++j) {
+    const T* p = gates.data + n * stride[0] + j * stride[1] + c * stride[2];
+    lines[j].read(scan, p, stride[3], stride[4], begin, count);
+  }
+  for (int64_t i = 0; i < count; ++i) {
+    lines[0][i][0] = 0;
+    lines[2][i][scan.length - 1] = 0;
+    if (begin + i == (scan.descending ? scan.steps - 1 : 0)) {
+      for (int j = 0; j < 3; ++j) fill_zero<A>(lines[j][i], scan.length);
+    }
+  }
 }
 
 }  // namespace
@@ -44,32 +105,34 @@ template <class T>
 void spatial_propagation(const SpatialPropagation<T>& a, int threads) {
   using A = accumulator_t<T>;
   const int64_t N = a.input.size[0], C = a.input.size[1], H = a.input.size[2], W = a.input.size[3];
-  const int64_t steps = a.direction < 2 ? W : H, R = a.direction < 2 ? H : W;
+  const Scan scan(H, W, a.direction);
+  if (H == 0 || W == 0) return;
   parallel_ranges(N * C, useful_threads(N * C * H * W * 8, threads), [&](int64_t begin, int64_t end) {
-    Scratch<A> x_line(R), gate_lines(3 * R), h_line(R), previous_line(R + 2);
-    A* const previous = previous_line + 1;
-    for (int64_t task = begin; task < end; ++task) {
-      const int64_t n = task / C, c = task % C;
-      const auto input = plane(a.input, n * a.input.stride[0] + c * a.input.stride[1], a.direction);
-      const Plane<T> out(a.out + task * H * W, W, 1, H, W, a.direction);
-      const A* g[3];
-      for (int64_t t = 0; t < steps; ++t) {
-        const A* x = read_line(input, t, R, static_cast<A*>(x_line));
-        if (t == 0) {
-          std::memcpy(h_line, x, R * sizeof(A));
-        } else {
-          for (int j = 0; j < 3; ++j) {
-            const int64_t offset = n * a.gates.stride[0] + j * a.gates.stride[1] + c * a.gates.stride[2];
-            g[j] = read_line(plane(a.gates, offset, a.direction), t, R, gate_lines + j * R);
-          }
+    constexpr int64_t block = Lines<A>::block;
+    const int64_t R = scan.length;
+    Lines<A> input(R), out(R), before(R), gates[3] = {Lines<A>(R), Lines<A>(R), Lines<A>(R)};
+    A* const previous = before[0];
+    for (int64_t channel = begin; channel < end; ++channel) {
+      const int64_t n = channel / C, c = channel % C;
+      const int64_t* stride = a.input.stride;
+      fill_zero<A>(previous, R);
+      for (int64_t done = 0; done < scan.steps; done += block) {
+        const int64_t count = scan.steps - done < block ? scan.steps - done : block;
+        const int64_t t = scan.descending ? scan.steps - done - count : done;
+        input.read(scan, a.input.data + n * stride[0] + c * stride[1], stride[2], stride[3], t, count);
+        read_gates(gates, scan, a.gates, n, c, t, count);
+        for (int64_t step = 0; step < count; ++step) {
+          const int64_t i = scan.descending ? count - 1 - step : step;
+          const A *x = input[i], *g0 = gates[0][i], *g1 = gates[1][i], *g2 = gates[2][i];
+          A* const h = out[i];
+#pragma omp simd
           for (int64_t r = 0; r < R; ++r) {
-            const A g0 = r > 0 ? g[0][r] : 0, g1 = g[1][r], g2 = r < R - 1 ? g[2][r] : 0;
-            h_line[r] = (1 - g0 - g1 - g2) * x[r] + g0 * previous[r - 1] + g1 * previous[r] + g2 * previous[r + 1];
+            h[r] = (1 - g0[r] - g1[r] - g2[r]) * x[r] + g0[r] * previous[r - 1] + g1[r] * previous[r] +
+                   g2[r] * previous[r + 1];
           }
+          std::memcpy(previous, h, R * sizeof(A));
         }
-        write_line(h_line, R, out, t);
-        std::memcpy(previous, h_line, R * sizeof(A));
-        previous[-1] = previous[R] = 0;
+        out.write(scan, a.out + channel * H * W, t, count);
       }
     }
   });
@@ -79,48 +142,58 @@ template <class T>
 void spatial_propagation_backward(const SpatialPropagationBackward<T>& a, int threads) {
   using A = accumulator_t<T>;
   const int64_t N = a.input.size[0], C = a.input.size[1], H = a.input.size[2], W = a.input.size[3];
-  const int64_t steps = a.direction < 2 ? W : H, R = a.direction < 2 ? H : W;
+  const Scan scan(H, W, a.direction);
+  if (H == 0 || W == 0) return;
   parallel_ranges(N * C, useful_threads(N * C * H * W * 16, threads), [&](int64_t begin, int64_t end) {
-    Scratch<A> x_line(R), grad_line(R), e_line(R), gate_lines(3 * R), padded(R + 2), flow_line(R + 2), results(4 * R);
-    A* const h = padded + 1;        // of step t - 1
-    A* const flow = flow_line + 1;  // the gradient that flows back to step t - 1
-    for (int64_t task = begin; task < end; ++task) {
-      const int64_t n = task / C, c = task % C;
-      const auto input = plane(a.input, n * a.input.stride[0] + c * a.input.stride[1], a.direction);
-      const auto grad = plane(a.grad, n * a.grad.stride[0] + c * a.grad.stride[1], a.direction);
-      const auto out = plane(a.out, n * a.out.stride[0] + c * a.out.stride[1], a.direction);
-      const Plane<T> grad_input(a.grad_input + task * H * W, W, 1, H, W, a.direction);
-      fill_zero<A>(flow_line, R + 2);
-      for (int64_t t = steps - 1; t >= 0; --t) {
-        const A* x = read_line(input, t, R, static_cast<A*>(x_line));
-        const A* arriving = read_line(grad, t, R, static_cast<A*>(grad_line));
-        const A* g[3];
+    constexpr int64_t block = Lines<A>::block;
+    const int64_t R = scan.length;
+    Lines<A> input(R), out(R), e_lines(R), flows(R), gates[3] = {Lines<A>(R), Lines<A>(R), Lines<A>(R)};
+    Lines<A> grad_gates[3] = {Lines<A>(R), Lines<A>(R), Lines<A>(R)};
+    A* const flow = flows[0];  // what flows back to the line in turn
+    for (int64_t channel = begin; channel < end; ++channel) {
+      const int64_t n = channel / C, c = channel % C;
+      const auto read = [&](Lines<A>& lines, const View4<const T>& v, int64_t t, int64_t count) {
+        lines.read(scan, v.data + n * v.stride[0] + c * v.stride[1], v.stride[2], v.stride[3], t, count);
+      };
+      fill_zero<A>(flow, R);
+      // Blocks and lines from the end of the scan to its start.
+      for (int64_t left = scan.steps; left > 0;) {
+        const int64_t count = left < block ? left : block;
+        left -= count;
+        const int64_t t = scan.descending ? scan.steps - left - count : left;
+        read(input, a.input, t, count);
+        read(e_lines, a.grad, t, count);
+        read_gates(gates, scan, a.gates, n, c, t, count);
+        // h of the step before; the first line has none, and reads its own.
+        const int64_t first = left == 0;
+        const int64_t shift = scan.descending ? 1 : -1;
+        read(out, a.out, scan.descending ? t + shift : t + shift + first, count - first);
+        for (int64_t step = count - 1; step >= 0; --step) {
+          const int64_t i = scan.descending ? count - 1 - step : step;
+          const bool has_before = left + step > 0;
+          const A* h = out[has_before ? (scan.descending ? i : i - first) : 0];
+          const A *x = input[i], *g0 = gates[0][i], *g1 = gates[1][i], *g2 = gates[2][i];
+          A *const e = e_lines[i], *const d0 = grad_gates[0][i], *const d1 = grad_gates[1][i],
+                   *const d2 = grad_gates[2][i];
+          for (int64_t r = 0; r < R; ++r) e[r] += flow[r];
+#pragma omp simd
+          for (int64_t r = 0; r < R; ++r) {
+            flow[r] = g0[r + 1] * e[r + 1] + g1[r] * e[r] + g2[r - 1] * e[r - 1];
+            d0[r] = e[r] * (h[r - 1] - x[r]);
+            d1[r] = e[r] * (h[r] - x[r]);
+            d2[r] = e[r] * (h[r + 1] - x[r]);
+          }
+          d0[0] = d2[R - 1] = 0;
+          if (!has_before) {
+            fill_zero<A>(d0, R);
+            fill_zero<A>(d1, R);
+            fill_zero<A>(d2, R);
+          }
+          for (int64_t r = 0; r < R; ++r) e[r] *= 1 - g0[r] - g1[r] - g2[r];
+        }
+        e_lines.write(scan, a.grad_input + channel * H * W, t, count);
         for (int j = 0; j < 3; ++j) {
-          const int64_t offset = n * a.gates.stride[0] + j * a.gates.stride[1] + c * a.gates.stride[2];
-          g[j] = read_line(plane(a.gates, offset, a.direction), t, R, gate_lines + j * R);
-        }
-        if (t > 0) {
-          const A* before = read_line(out, t - 1, R, h);
-          if (before != h) std::memcpy(h, before, R * sizeof(A));
-        }
-        for (int64_t r = 0; r < R; ++r) e_line[r] = arriving[r] + flow[r];
-        fill_zero<A>(flow_line, R + 2);
-        for (int64_t r = 0; r < R; ++r) {
-          const A e = e_line[r];
-          const bool above = t > 0 && r > 0, below = t > 0 && r < R - 1;
-          const A g0 = above ? g[0][r] : 0, g1 = t > 0 ? g[1][r] : 0, g2 = below ? g[2][r] : 0;
-          results[r] = (1 - g0 - g1 - g2) * e;
-          results[R + r] = above ? e * (h[r - 1] - x[r]) : 0;
-          results[2 * R + r] = t > 0 ? e * (h[r] - x[r]) : 0;
-          results[3 * R + r] = below ? e * (h[r + 1] - x[r]) : 0;
-          flow[r - 1] += g0 * e;
-          flow[r] += g1 * e;
-          flow[r + 1] += g2 * e;
-        }
-        write_line(results, R, grad_input, t);
-        for (int j = 0; j < 3; ++j) {
-          const Plane<T> grad_gate(a.grad_gates + ((n * 3 + j) * C + c) * H * W, W, 1, H, W, a.direction);
-          write_line(results + (j + 1) * R, R, grad_gate, t);
+          grad_gates[j].write(scan, a.grad_gates + ((n * 3 + j) * C + c) * H * W, t, count);
         }
       }
     }

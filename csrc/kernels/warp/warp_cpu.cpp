@@ -6,27 +6,41 @@
 
 namespace anynet::ANYNET_ISA {
 
+namespace {
+
+/// Zeros before and after a row: indices -2 to W + 1 are sampled, by reading two vectors from some index on.
+template <class A>
+constexpr int64_t padding = 2 * lanes<A> + 2;
+
+template <class A, class T>
+void read_positions(Positions<A>& at, const View4<const T>& disparity, int64_t n, int64_t y) {
+  const T* p = disparity.data + n * disparity.stride[0] + y * disparity.stride[2];
+  at.read(p, disparity.stride[3], 0, -2, static_cast<int32_t>(disparity.size[3]));
+}
+
+}  // namespace
+
 template <class T>
 void warp(const Warp<T>& a, int threads) {
   using A = accumulator_t<T>;
   const int64_t N = a.image.size[0], C = a.image.size[1], H = a.image.size[2], W = a.image.size[3];
-  parallel_ranges(N * H, useful_threads(N * C * H * W, threads), [&](int64_t begin, int64_t end) {
-    // The row with two zeros before and after it.
-    Scratch<A> converted(W), padded(W + 4), fraction(W), out(W);
-    Scratch<int32_t> index(W);
-    fill_zero<A>(padded, W + 4);
-    A* const row = padded + 2;
+  if (W == 0) return;
+  parallel_ranges(N * H, useful_threads(N * C * H * W * 4, threads), [&](int64_t begin, int64_t end) {
+    Scratch<A> padded(W + 2 * padding<A>), out(round_up(W, lanes<A>));
+    Positions<A> at(W);
+    fill_zero<A>(padded, W + 2 * padding<A>);
+    A* const row = padded + padding<A>;
     for (int64_t task = begin; task < end; ++task) {
       const int64_t n = task / H, y = task % H;
-      const A* disparity = read_row(a.disparity.data + n * a.disparity.stride[0] + y * a.disparity.stride[2],
-                                    a.disparity.stride[3], W, static_cast<A*>(converted));
-      split_positions<A>(disparity, W, 0, -2, static_cast<int32_t>(W), index, fraction);
+      read_positions(at, a.disparity, n, y);
       for (int64_t c = 0; c < C; ++c) {
         const T* image = a.image.data + n * a.image.stride[0] + c * a.image.stride[1] + y * a.image.stride[2];
-        const A* source = read_row(image, a.image.stride[3], W, row);
-        if (source != row) std::memcpy(row, source, W * sizeof(A));
-        for (int64_t x = 0; x < W; ++x) {
-          out[x] = (1 - fraction[x]) * row[index[x]] + fraction[x] * row[index[x] + 1];
+        copy_row(image, a.image.stride[3], W, row);
+        for (int64_t x = 0; x < W; x += lanes<A>) {
+          gather_at(at, x, [&](const auto& gather) {
+            const vec<A> f = load(at.fraction + x);
+            store(out + x, (1 - f) * gather(row, 0) + f * gather(row, 1));
+          });
         }
         write_row<T>(out, W, a.out + ((n * C + c) * H + y) * W);
       }
@@ -38,30 +52,33 @@ template <class T>
 void warp_backward(const WarpBackward<T>& a, int threads) {
   using A = accumulator_t<T>;
   const int64_t N = a.image.size[0], C = a.image.size[1], H = a.image.size[2], W = a.image.size[3];
-  parallel_ranges(N * H, useful_threads(2 * N * C * H * W, threads), [&](int64_t begin, int64_t end) {
-    Scratch<A> converted(W), padded(W + 4), fraction(W), gathered(W), scattered(W + 4), grad_disparity(W);
-    Scratch<int32_t> index(W);
-    fill_zero<A>(padded, W + 4);
-    A* const row = padded + 2;
+  if (W == 0) return;
+  parallel_ranges(N * H, useful_threads(N * C * H * W * 8, threads), [&](int64_t begin, int64_t end) {
+    const int64_t padded_width = W + 2 * padding<A>, vectors_width = round_up(W, lanes<A>);
+    Scratch<A> padded(padded_width), scattered(padded_width), grad(vectors_width), grad_disparity(vectors_width);
+    Positions<A> at(W);
+    fill_zero<A>(padded, padded_width);
+    fill_zero<A>(grad, vectors_width);
+    A *const row = padded + padding<A>, *const grad_image = scattered + padding<A>;
     for (int64_t task = begin; task < end; ++task) {
       const int64_t n = task / H, y = task % H;
-      const A* disparity = read_row(a.disparity.data + n * a.disparity.stride[0] + y * a.disparity.stride[2],
-                                    a.disparity.stride[3], W, static_cast<A*>(converted));
-      split_positions<A>(disparity, W, 0, -2, static_cast<int32_t>(W), index, fraction);
+      read_positions(at, a.disparity, n, y);
       fill_zero<A>(grad_disparity, W);
       for (int64_t c = 0; c < C; ++c) {
         const T* image = a.image.data + n * a.image.stride[0] + c * a.image.stride[1] + y * a.image.stride[2];
-        const A* source = read_row(image, a.image.stride[3], W, row);
-        if (source != row) std::memcpy(row, source, W * sizeof(A));
-        const A* grad = read_row(a.grad.data + n * a.grad.stride[0] + c * a.grad.stride[1] + y * a.grad.stride[2],
-                                 a.grad.stride[3], W, static_cast<A*>(gathered));
-        fill_zero<A>(scattered, W + 4);
-        A* const grad_image = scattered + 2;
+        const T* arriving = a.grad.data + n * a.grad.stride[0] + c * a.grad.stride[1] + y * a.grad.stride[2];
+        copy_row(image, a.image.stride[3], W, row);
+        copy_row(arriving, a.grad.stride[3], W, static_cast<A*>(grad));
+        for (int64_t x = 0; x < W; x += lanes<A>) {
+          gather_at(at, x, [&](const auto& gather) {
+            store(grad_disparity + x, load(grad_disparity + x) - load(grad + x) * (gather(row, 1) - gather(row, 0)));
+          });
+        }
+        fill_zero<A>(scattered, padded_width);
         for (int64_t x = 0; x < W; ++x) {
-          const int32_t i = index[x];
-          grad_disparity[x] -= grad[x] * (row[i + 1] - row[i]);
-          grad_image[i] += grad[x] * (1 - fraction[x]);
-          grad_image[i + 1] += grad[x] * fraction[x];
+          const A right = grad[x] * at.fraction[x];
+          grad_image[at.index[x]] += grad[x] * (1 - at.fraction[x]);
+          grad_image[at.index[x] + 1] += right;
         }
         write_row<T>(grad_image, W, a.grad_image + ((n * C + c) * H + y) * W);
       }

@@ -1,0 +1,217 @@
+"""Times every operator on the CPU against PyTorch eager, torch.compile and the limit of the machine.
+
+python benchmarks/kernels.py [--threads 1 2] [--only NAME] [--json FILE]
+
+Eager and compiled are `anynet_ext.reference`, float32; all times are medians of one call, in milliseconds. The limit is
+the larger of arithmetic / peak rate and bytes / copy bandwidth, each input read and each output written once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+from measure import Limits, measure_limits, median_ms
+from rich.console import Console
+from rich.table import Table
+from torch import Tensor
+
+import anynet_ext
+from anynet_ext import reference
+
+
+@dataclass(frozen=True)
+class Workload:
+    """One operator at one size. `operations` and `backward_operations`: arithmetic per call, vector elements."""
+
+    name: str
+    size: str
+    inputs: tuple[Tensor, ...]
+    ours: Callable[..., Tensor]
+    plain: Callable[..., Tensor]
+    operations: int
+    backward_operations: int
+    compiles: bool = True  # False where the plain version is a loop of hundreds of steps, too long a graph
+
+
+def smooth_disparity(n: int, h: int, w: int) -> Tensor:
+    """A slanted scene with depth edges: rows of surfaces 40 to 130 pixels wide, noise of a tenth of a pixel."""
+    x, y = torch.arange(w), torch.arange(h)[:, None]
+    surface = ((x + 3 * (y // 8)) // 90) % 5
+    return (6.0 * surface + 0.01 * x + 0.1 * torch.randn(h, w)).expand(n, 1, h, w).contiguous()
+
+
+def workloads() -> list[Workload]:
+    torch.manual_seed(0)
+    result = []
+
+    c, h, w, k = 32, 96, 312, 48
+    pixels = c * k * h * w
+    result.append(
+        Workload(
+            "cost_volume",
+            f"1x{c}x{h}x{w}, {k} disparities",
+            (torch.randn(1, c, h, w), torch.randn(1, c, h, w)),
+            lambda left, right: anynet_ext.cost_volume(left, right, None, 0, 47),
+            lambda left, right: reference.cost_volume(left, right, None, 0, 47),
+            3 * pixels,  # subtract, absolute, add
+            4 * pixels,  # compare; add or subtract; for both sides
+        )
+    )
+    c, h, w, k = 32, 184, 616, 5
+    pixels = c * k * h * w
+    result.append(
+        Workload(
+            "cost_volume around a map",
+            f"1x{c}x{h}x{w}, {k} offsets",
+            (torch.randn(1, c, h, w), torch.randn(1, c, h, w), smooth_disparity(1, h, w)),
+            lambda left, right, d: anynet_ext.cost_volume(left, right, d, -2, 2),
+            lambda left, right, d: reference.cost_volume(left, right, d, -2, 2),
+            5 * pixels,  # multiply, multiply-add, subtract, absolute, add
+            8 * pixels,
+        )
+    )
+    c, h, w = 3, 375, 1242
+    result.append(
+        Workload(
+            "warp",
+            f"1x{c}x{h}x{w}",
+            (torch.randn(1, c, h, w), smooth_disparity(1, h, w)),
+            anynet_ext.warp,
+            reference.warp,
+            2 * c * h * w,
+            6 * c * h * w,
+        )
+    )
+    d, h, w = 192, 96, 312
+    result.append(
+        Workload(
+            "soft_argmin",
+            f"1x{d}x{h}x{w}",
+            (4 * torch.randn(1, d, h, w),),
+            lambda cost: anynet_ext.soft_argmin(cost, 0),
+            lambda cost: reference.soft_argmin(cost, 0),
+            16 * d * h * w,  # minimum, subtract, exp by a polynomial of degree 7, two sums
+            19 * d * h * w,
+        )
+    )
+    c, h, w = 8, 92, 308
+    result.append(
+        Workload(
+            "spatial_propagation",
+            f"1x{c}x{h}x{w}",
+            (torch.randn(1, c, h, w), torch.rand(1, 3, c, h, w) / 3),
+            lambda x, gates: anynet_ext.spatial_propagation(x, gates, 0),
+            lambda x, gates: reference.spatial_propagation(x, gates, 0),
+            7 * c * h * w,
+            14 * c * h * w,
+            compiles=False,
+        )
+    )
+    return result
+
+
+def backward_of(function: Callable[..., Tensor], inputs: tuple[Tensor, ...]) -> Callable[[], object]:
+    """The backward pass of one call alone."""
+    leaves = [t.detach().clone().requires_grad_() for t in inputs]
+    out = function(*leaves)
+    grad = torch.randn_like(out)
+    return lambda: torch.autograd.grad(out, leaves, grad, retain_graph=True)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the table; times in milliseconds."""
+
+    kernel: str
+    size: str
+    threads: int
+    ours: float
+    eager: float
+    compiled: float | None
+    limit: float
+
+    @property
+    def speedup(self) -> float:
+        return (self.compiled or self.eager) / self.ours
+
+
+def measure(workload: Workload, limits: Limits) -> list[Row]:
+    inputs = workload.inputs
+    compiled = torch.compile(workload.plain) if workload.compiles else None
+    with torch.no_grad():
+        out = workload.ours(*inputs)
+        forward = [None if f is None else median_ms(lambda f=f: f(*inputs)) for f in _versions(workload, compiled)]
+    backward = [None if f is None else median_ms(backward_of(f, inputs)) for f in _versions(workload, compiled)]
+    read, written = sum(t.nbytes for t in inputs), out.nbytes
+    limit = limits.ms(workload.operations, read + written)
+    back_limit = limits.ms(workload.backward_operations, 2 * read + written)
+    return [
+        Row(workload.name, workload.size, limits.threads, *forward, limit),
+        Row(f"{workload.name}, backward", workload.size, limits.threads, *backward, back_limit),
+    ]
+
+
+def _versions(workload: Workload, compiled: Callable[..., Tensor] | None) -> list[Callable[..., Tensor] | None]:
+    return [workload.ours, workload.plain, compiled]
+
+
+def table(rows: list[Row], limits: Limits) -> Table:
+    title = (
+        f"{limits.threads} thread(s), ms; peak {limits.operations / 1e9:.0f} G operations/s,"
+        f" copy {limits.bandwidth / 1e9:.1f} GB/s"
+    )
+    result = Table(
+        "kernel", "size", "ours", "eager", "compiled", "limit", "eager/ours", "compiled/ours", "ours/limit", title=title
+    )
+    for row in rows:
+        compiled = ("-", "-") if row.compiled is None else (f"{row.compiled:.2f}", f"{row.compiled / row.ours:.1f}")
+        result.add_row(
+            row.kernel,
+            row.size,
+            f"{row.ours:.3f}",
+            f"{row.eager:.2f}",
+            compiled[0],
+            f"{row.limit:.3f}",
+            f"{row.eager / row.ours:.1f}",
+            compiled[1],
+            f"{row.ours / row.limit:.2f}",
+        )
+    return result
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--only", help="kernels whose name contains this")
+    parser.add_argument("--json", type=Path, help="write the rows, the limits and the build here")
+    arguments = parser.parse_args()
+    console = Console()
+    all_rows: list[Row] = []
+    all_limits: list[Limits] = []
+    for threads in arguments.threads:
+        limits = measure_limits(threads)
+        torch._dynamo.reset()
+        rows = [row for each in workloads() if (arguments.only or "") in each.name for row in measure(each, limits)]
+        console.print(table(rows, limits))
+        for name, some in (("forward", rows[::2]), ("backward", rows[1::2])):
+            mean = math.exp(sum(math.log(row.speedup) for row in some) / len(some))
+            console.print(f"{name}: geometric mean {mean:.1f} x torch.compile (eager where it cannot compile)")
+        all_rows += rows
+        all_limits.append(limits)
+    if arguments.json:
+        report = {
+            "build": anynet_ext.build_info(),
+            "limits": [asdict(limits) for limits in all_limits],
+            "rows": [asdict(row) for row in all_rows],
+        }
+        arguments.json.write_text(json.dumps(report, indent=2))
+
+
+if __name__ == "__main__":
+    main()
