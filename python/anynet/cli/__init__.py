@@ -24,6 +24,7 @@ COMMANDS = {
     "demo": ("demo", "Every stage on a real pair that comes along: times, errors, pictures."),
     "train": ("train", "Train a network from scratch."),
     "finetune": ("train", "Train weights further on other data."),
+    "evaluate": ("evaluate", "Error and time of networks and of OpenCV's matchers on data sets."),
     "render": ("render", "Stereo pairs with exact ground truth, rendered here."),
     "info": ("info", "What is installed: build, instruction set, threads, weights."),
 }

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from anynet.data import StereoSample
 from anynet.errors import AnyNetError
-from anynet.evaluation.metrics import Mask, Scores, mean, pooled, scores
+from anynet.evaluation.metrics import Disparity, Mask, Scores, mean, pooled, scores
 from anynet.predictor import Estimate
 
 Image = npt.NDArray[np.uint8]
@@ -29,7 +29,9 @@ class Stage:
     images: tuple[Scores, ...]
     """By image, in the order of `Evaluation.names`."""
     milliseconds: float
-    """Median over the images, from the same start for every stage."""
+    """Median over the images, from the same start for every stage. Filling holes is not counted."""
+    density: float
+    """% of the counted pixels, over all images, that the method gave a value itself. Holes are filled to be scored."""
 
     @property
     def mean(self) -> Scores:
@@ -83,16 +85,36 @@ def evaluate(method: Method, samples: Sequence[StereoSample], region: str = "all
     if not len(samples):
         raise AnyNetError("no pairs to evaluate on")
     names: list[str] = []
-    by_stage: dict[int, list[tuple[Scores, float]]] = {}
+    by_stage: dict[int, list[tuple[Scores, float, int]]] = {}
     for sample in samples:
         mask = region_mask(sample, region)
         names.append(sample.name)
         # All first: scoring in between would be part of the later stages' times.
         for estimate in list(method(sample.left, sample.right)):
-            score = scores(estimate.disparity, sample.disparity, mask)
-            by_stage.setdefault(estimate.stage, []).append((score, estimate.elapsed_ms))
-    stages = (
-        Stage(stage, tuple(score for score, _ in results), float(np.median([ms for _, ms in results])))
-        for stage, results in sorted(by_stage.items())
-    )
-    return Evaluation(tuple(names), tuple(stages))
+            given = int(np.isfinite(estimate.disparity[mask]).sum())
+            score = scores(filled(estimate.disparity), sample.disparity, mask)
+            by_stage.setdefault(estimate.stage, []).append((score, estimate.elapsed_ms, given))
+    return Evaluation(tuple(names), tuple(_stage(number, results) for number, results in sorted(by_stage.items())))
+
+
+def _stage(number: int, results: list[tuple[Scores, float, int]]) -> Stage:
+    images, times, given = zip(*results, strict=True)
+    pixels = sum(image.pixels for image in images)
+    return Stage(number, images, float(np.median(times)), 100 * sum(given) / pixels if pixels else float("nan"))
+
+
+def filled(disparity: Disparity) -> Disparity:
+    """Fills every hole (NaN) with the smaller, so the farther, of its neighbours in the row; then from other rows."""
+    if np.isfinite(disparity).all():
+        return disparity
+    rows = np.fmin(_last_known(disparity), _last_known(disparity[:, ::-1])[:, ::-1])
+    columns = np.fmin(_last_known(rows.T), _last_known(rows.T[:, ::-1])[:, ::-1])
+    result: Disparity = columns.T
+    return result
+
+
+def _last_known(rows: Disparity) -> Disparity:
+    """Each pixel's own value or that of the nearest known one to its left; NaN if there is none."""
+    columns = np.where(np.isfinite(rows), np.arange(rows.shape[1]), 0)
+    result: Disparity = np.take_along_axis(rows, np.maximum.accumulate(columns, axis=1), axis=1)
+    return result

@@ -20,6 +20,7 @@ from anynet.checkpoint import load_checkpoint, save_checkpoint
 from anynet.data import StereoSample, open_datasets
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
+from anynet.io.files import make_folder, write_atomically
 from anynet.network import MEAN, STD, AnyNet
 from anynet.predictor import Predictor
 from anynet.training.batches import batches
@@ -78,18 +79,8 @@ def _begin(recipe: Recipe, out: Path, resume: bool) -> None:
         if not resume:
             raise AnyNetError(f"{out} holds a run already: resume it, or choose another folder")
         Recipe.from_json(stored.read_text()).check_resumed(recipe)
-    out.mkdir(parents=True, exist_ok=True)
-    _write(stored, recipe.to_json().encode())
-
-
-def _write(path: Path, content: bytes) -> None:
-    """The file appears whole or not at all, whenever the process or the machine dies."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    with partial.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    make_folder(out)
+    write_atomically(stored, recipe.to_json().encode())
 
 
 def _normalised(image: Tensor) -> Tensor:
@@ -193,7 +184,7 @@ class _Run:
         }
         content = io.BytesIO()
         torch.save(state, content)
-        _write(self.out / CHECKPOINT, content.getvalue())
+        write_atomically(self.out / CHECKPOINT, content.getvalue())
 
     def _restore(self) -> None:
         # The data and the rate of a step follow from its number, and nothing else in a step is random.

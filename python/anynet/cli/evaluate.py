@@ -1,0 +1,88 @@
+"""`anynet evaluate`: error and time of networks and of OpenCV's matchers on data sets."""
+
+from __future__ import annotations
+
+import json
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from anynet.errors import AnyNetError
+
+
+class OpenCV(str, Enum):
+    """Methods other than networks."""
+
+    bm = "bm"
+    sgbm = "sgbm"
+
+
+class Region(str, Enum):
+    """Pixels to count."""
+
+    all = "all"
+    noc = "noc"
+    foreground = "foreground"
+    background = "background"
+
+
+def evaluate(
+    data: Annotated[list[str], typer.Option(help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...]; repeatable.")],
+    weights: Annotated[
+        list[str] | None, typer.Option(help="Weights, a packaged name or a file; repeatable. [default: default]")
+    ] = None,
+    method: Annotated[list[OpenCV] | None, typer.Option(help="OpenCV's matcher beside them; repeatable.")] = None,
+    region: Annotated[list[Region] | None, typer.Option(help="Pixels to count; repeatable. [default: all]")] = None,
+    splits: Annotated[
+        bool, typer.Option("--splits", help="Each weights on its own data, in order: mean and deviation of the splits.")
+    ] = False,
+    threads: Annotated[int | None, typer.Option(help="CPU threads. Default: PyTorch's.", min=1)] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for results.md, results.json and a figure per method and data set.")
+    ] = None,
+) -> None:
+    """Measure error and time, stage by stage."""
+    import cv2
+
+    from anynet import Predictor
+    from anynet.data import open_dataset
+    from anynet.evaluation import opencv, report
+    from anynet.evaluation.evaluate import Method, evaluate
+    from anynet.io import write_image
+    from anynet.io.files import make_folder, write_atomically
+
+    if threads is not None:
+        cv2.setNumThreads(threads)
+    methods: list[tuple[str, Method]] = []
+    for name in weights or ([] if method else ["default"]):
+        methods.append((name, Predictor(name, threads).stages))
+    for choice in method or []:
+        methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))
+    datasets = [open_dataset(spec) for spec in data]
+    regions = [choice.value for choice in region or [Region.all]]
+    if splits and (len(methods) != len(data) or len(regions) > 1):
+        raise AnyNetError(
+            "--splits: expected one region, and as many weights as data; "
+            f"got {len(regions)}, {len(methods)}, {len(data)}"
+        )
+    named = list(zip(data, datasets, strict=True))
+    pairs = list(zip(methods, named, strict=True)) if splits else [(m, d) for d in named for m in methods]
+    progress = Console(stderr=True)
+    results: report.Results = {}
+    for number, ((name, run), (spec, samples)) in enumerate(pairs):
+        for _ in run(samples[0].left, samples[0].right):
+            pass  # a first time, which pays for the memory
+        for chosen in regions:
+            with progress.status(f"{name} on {spec}, {chosen}"):
+                results[name, spec, chosen] = evaluate(run, samples, chosen)
+        if out is not None:
+            make_folder(out)
+            write_image(out / f"{number}.png", report.figure(run, samples[0]))
+    text = report.splits_markdown(list(results.values())) if splits else report.markdown(results)
+    if out is not None:
+        write_atomically(out / "results.md", text.encode())
+        write_atomically(out / "results.json", json.dumps(report.to_json(results), indent=2).encode())
+    print(text, end="")
