@@ -9,7 +9,7 @@ import numpy as np
 
 
 def write_splits(names: Sequence[str], folder: Path, count: int = 5, share: float = 0.2, seed: int = 0) -> list[Path]:
-    """Writes `count` files of names to validate on (split0.txt, ...), each a random share of them; the rest is to train on.
+    """Writes `count` files of names to validate on (split0.txt, ...), each a random share of them; the others train.
 
     Data sets take such a file as `split` (only these) and as `without` (all but these).
     """
