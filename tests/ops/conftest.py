@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -68,16 +71,36 @@ class Ops:
 IMPLEMENTATIONS = [
     Ops("anynet", "cpu"),
     pytest.param(Ops("anynet", "cuda"), marks=pytest.mark.cuda),
+    # The CUDA kernels on the CPU (tests/cuda/emulator): `pytest tests/ops -m slow -k emulated`.
+    pytest.param(Ops("anynet_cuda_emulated", "cpu"), marks=pytest.mark.slow),
 ]
+
+
+@pytest.fixture(scope="session")
+def emulated_operators() -> None:
+    """Builds and loads the library that registers `torch.ops.anynet_cuda_emulated`."""
+    if shutil.which("cmake") is None or shutil.which("ninja") is None:
+        pytest.skip("needs cmake and ninja")
+    root = Path(__file__).parents[2]
+    folder = root / "build" / "emulated"
+    torch_folder = Path(torch.__file__).parent
+    options = ["-GNinja", "-DANYNET_CUDA=OFF", f"-DANYNET_TORCH_DIR={torch_folder}"]
+    for command in (
+        ["cmake", "-S", root, "-B", folder, *options],
+        ["cmake", "--build", folder, "--target", "_C_cuda_emulated"],
+    ):
+        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        assert done.returncode == 0, done.stdout
+    torch.ops.load_library(folder / "tests" / "cuda" / "_C_cuda_emulated.so")
 
 
 @pytest.fixture(params=IMPLEMENTATIONS, ids=repr)
 def ops(request: pytest.FixtureRequest) -> Ops:
-    """The implementation under test: every test that takes `ops` runs once for each of IMPLEMENTATIONS.
-
-    To run the same tests on other sources of the operators, load the library that registers them (same schemas, any
-    namespace) and append `Ops("<namespace>", "<device>")` to IMPLEMENTATIONS.
-    """
+    """The implementation under test: every test that takes `ops` runs once for each of IMPLEMENTATIONS."""
+    if request.param.namespace == "anynet_cuda_emulated":
+        request.getfixturevalue("emulated_operators")
+    if request.param.device == "cuda" and not torch.cuda.is_available():
+        pytest.skip("needs a GPU and the CUDA build of torch")
     return request.param
 
 

@@ -5,6 +5,12 @@
 
 namespace anynet::cuda {
 
+/// Row (n, y) of one channel.
+template <class T>
+ANYNET_DEVICE const T* row_of(const View4<const T>& v, int64_t n, int64_t c, int64_t y) {
+  return v.data + n * v.stride[0] + c * v.stride[1] + y * v.stride[2];
+}
+
 /// A position in a row: (1 - fraction) of pixel `index` and `fraction` of the next.
 template <class A>
 struct Position {

@@ -12,11 +12,6 @@
 namespace anynet::cuda {
 namespace {
 
-template <class T>
-ANYNET_DEVICE const T* row_of(const View4<const T>& v, int64_t n, int64_t c, int64_t y) {
-  return v.data + n * v.stride[0] + c * v.stride[1] + y * v.stride[2];
-}
-
 template <class A>
 ANYNET_DEVICE A with_sign(A value, A sign) {
   return sign > 0 ? value : sign < 0 ? -value : 0;

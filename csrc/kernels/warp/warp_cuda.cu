@@ -12,12 +12,6 @@ namespace {
 constexpr int threads_per_block = 128;
 constexpr int channels_at_once = 4;
 
-/// Row (n, y) of one channel of a view.
-template <class T>
-ANYNET_DEVICE const T* row_of(const View4<const T>& v, int64_t n, int64_t c, int64_t y) {
-  return v.data + n * v.stride[0] + c * v.stride[1] + y * v.stride[2];
-}
-
 template <class T>
 __global__ void __launch_bounds__(threads_per_block) forward(Warp<T> a) {
   using A = accumulator_t<T>;
