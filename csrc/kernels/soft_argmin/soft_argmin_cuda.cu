@@ -16,19 +16,19 @@ template <class A>
 struct OnlineSoftmin {
   A lowest = static_cast<A>(INFINITY), sum = 0, weighted = 0;
 
-  ANYNET_DEVICE void add(A cost, A disparity) {
+  ANYNET_DEVICE void add(A cost, A index) {
     const A e = exp(cost == lowest ? 0 : -fabs(cost - lowest));
     if (cost < lowest) {
       sum = sum * e + 1;
-      weighted = weighted * e + disparity;
+      weighted = weighted * e + index;
       lowest = cost;
     } else {
       sum += e;
-      weighted += e * disparity;
+      weighted += e * index;
     }
   }
 
-  /// NaN if any cost was NaN or -infinity, or all were infinite: as softmax says.
+  /// The expected index. NaN if any cost was NaN or -infinity, or all were infinite: as softmax says.
   ANYNET_DEVICE A mean() const { return weighted / sum + (lowest - lowest); }
 };
 
@@ -45,27 +45,27 @@ ANYNET_DEVICE bool find_place(const int64_t* size, Place& place) {
 }
 
 template <class T, int N>
-ANYNET_DEVICE void scan(const View4<const T>& cost, const Place& place, int64_t first,
-                        OnlineSoftmin<accumulator_t<T>>* softmin) {
+ANYNET_DEVICE void scan(const View4<const T>& cost, const Place& place, OnlineSoftmin<accumulator_t<T>>* softmin) {
   using A = accumulator_t<T>;
   const T* c = cost.data + place.n * cost.stride[0] + place.y * cost.stride[2] + place.x * cost.stride[3];
 #pragma unroll 4
   for (int64_t k = 0; k < cost.size[1]; ++k) {
     const Pack<T, N> pack = read_pack<T, N>(c + k * cost.stride[1]);
 #pragma unroll
-    for (int i = 0; i < N; ++i) softmin[i].add(to_accumulator(pack.value[i]), static_cast<A>(first + k));
+    for (int i = 0; i < N; ++i) softmin[i].add(to_accumulator(pack.value[i]), static_cast<A>(k));
   }
 }
 
 template <class T, int N>
 __global__ void __launch_bounds__(threads_per_block) forward(SoftArgmin<T> a) {
+  using A = accumulator_t<T>;
   Place place;
   if (!find_place<N>(a.cost.size, place)) return;
-  OnlineSoftmin<accumulator_t<T>> softmin[N];
-  scan<T, N>(a.cost, place, a.first, softmin);
+  OnlineSoftmin<A> softmin[N];
+  scan<T, N>(a.cost, place, softmin);
   Pack<T, N> pack;
 #pragma unroll
-  for (int i = 0; i < N; ++i) pack.value[i] = from_accumulator<T>(softmin[i].mean());
+  for (int i = 0; i < N; ++i) pack.value[i] = from_accumulator<T>(static_cast<A>(a.first) + softmin[i].mean());
   write_pack(a.out + (place.n * a.cost.size[2] + place.y) * a.cost.size[3] + place.x, pack);
 }
 
@@ -75,7 +75,7 @@ __global__ void __launch_bounds__(threads_per_block) backward(SoftArgminBackward
   Place place;
   if (!find_place<N>(a.cost.size, place)) return;
   OnlineSoftmin<A> softmin[N];
-  scan<T, N>(a.cost, place, a.first, softmin);
+  scan<T, N>(a.cost, place, softmin);
 
   const T* grad = a.grad.data + place.n * a.grad.stride[0] + place.y * a.grad.stride[2];
   A mean[N], scale[N];
@@ -94,7 +94,7 @@ __global__ void __launch_bounds__(threads_per_block) backward(SoftArgminBackward
 #pragma unroll
     for (int i = 0; i < N; ++i) {
       const A p = exp(softmin[i].lowest - to_accumulator(pack.value[i]));
-      pack.value[i] = from_accumulator<T>(scale[i] * p * (static_cast<A>(a.first + k) - mean[i]));
+      pack.value[i] = from_accumulator<T>(scale[i] * p * (static_cast<A>(k) - mean[i]));
     }
     write_pack(out + k * plane, pack);
   }

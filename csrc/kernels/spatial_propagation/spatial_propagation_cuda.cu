@@ -101,7 +101,8 @@ struct Gates {
   ANYNET_DEVICE A rest() const { return 1 - before - same - after; }
 };
 
-/// Two lines in shared memory with a 0 before and after each; one is read while the other is written.
+/// Two lines in shared memory with a 0 before and after each; one is read while the other is written. The constructor
+/// clears them: a barrier must follow.
 template <class A>
 struct Exchange {
   A *even, *odd;
@@ -250,6 +251,7 @@ __global__ void __launch_bounds__(most_lines_backward) backward(Backward<T> a) {
 
   SharedMemory shared;
   const BackwardExchange<A> exchange(shared, a.lines);
+  __syncthreads();
   if (real && a.steps > 1) exchange.h.buffer(a.steps - 1)[r] = read(out + (a.steps - 2) * a.out.along);
 
   T e[N], x[N], h[N], g[3][N], next_e[N], next_x[N], next_h[N], next_g[3][N];
@@ -312,6 +314,7 @@ __global__ void __launch_bounds__(threads_of_many) backward_many(Backward<T> a) 
   SharedMemory shared;
   const BackwardExchange<A> exchange(shared, a.lines);
   A* const flow = shared.take<A>(static_cast<int>(a.lines));
+  __syncthreads();
   for (int r = threadIdx.x; r < a.lines; r += blockDim.x) {
     flow[r] = 0;
     if (a.steps > 1) exchange.h.buffer(a.steps - 1)[r] = read(a.out.line(n, c, r) + (a.steps - 2) * a.out.along);
