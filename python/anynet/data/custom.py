@@ -53,9 +53,8 @@ def table(path: str | Path, scale: str | float | None = None) -> PairFiles:
             if not {"left", "right"} <= set(place) or (
                 "depth" in place and ("calibration" not in place or "disparity" in place)
             ):
-                raise AnyNetError(
-                    f"{path}:{number}: expected left, right, and disparity or depth + calibration, got {', '.join(place)}"
-                )
+                wanted = "left, right, and disparity or depth + calibration"
+                raise AnyNetError(f"{path}:{number}: expected {wanted}, got {', '.join(place)}")
             files.append(
                 Files(
                     name=place["left"].stem,

@@ -70,12 +70,12 @@ class PairFiles(Dataset):
             disparity=disparity,
             valid=valid,
             noc=_noc(files, disparity, valid),
-            foreground=None if files.foreground is None else _levels(files.foreground, shape) > 0,
+            foreground=None if files.foreground is None else np.asarray(_levels(files.foreground, shape) > 0),
             name=files.name,
         )
 
 
-def _levels(path: Path, shape: tuple[int, ...]) -> NDArray[np.generic]:
+def _levels(path: Path, shape: tuple[int, ...]) -> NDArray[np.integer]:
     levels = np.asarray(open_image(path))
     if levels.shape != shape:
         raise AnyNetError(f"{path}: expected {shape[1]} x {shape[0]} pixels of one channel, got shape {levels.shape}")
@@ -97,7 +97,7 @@ def _map(path: Path, scale: float | None, shape: tuple[int, ...]) -> Disparity:
 def _noc(files: Files, disparity: Disparity, valid: Mask) -> Mask | None:
     if files.noc is not None:
         if files.noc.name.startswith("mask"):
-            return valid & (_levels(files.noc, disparity.shape) == 255)
+            return np.asarray(valid & (_levels(files.noc, disparity.shape) == 255))
         return valid & np.isfinite(_map(files.noc, files.scale, disparity.shape))
     if files.other is not None:
         return valid & consistent(disparity, _map(files.other, files.scale, disparity.shape))
@@ -110,7 +110,7 @@ def consistent(disparity: Disparity, other: Disparity, tolerance: float = 1.0) -
     known = np.isfinite(disparity)
     column = np.rint(np.arange(width) - np.where(known, disparity, 0)).astype(int)
     there = other[np.arange(height)[:, None], np.clip(column, 0, width - 1)]
-    return known & (column >= 0) & (np.abs(there - disparity) <= tolerance)
+    return np.asarray(known & (column >= 0) & (np.abs(there - disparity) <= tolerance))
 
 
 def folder(root: str | Path, what: str) -> Path:

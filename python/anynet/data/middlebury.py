@@ -28,7 +28,7 @@ def _height(image: Path) -> int:
 
 
 def middlebury2001(root: str | Path) -> PairFiles:
-    """sawtooth, venus, bull, poster, barn1, barn2 (im2.ppm, im6.ppm, disp2.pgm / 8) and map (im0.pgm, im1.pgm, disp0.pgm / 8)."""
+    """sawtooth, venus, bull, poster, barn1, barn2 (im2.ppm, im6.ppm, disp2.pgm / 8); map (im0, im1, disp0.pgm / 8)."""
 
     def scene(path: Path) -> Files | None:
         for left, right in ((2, 6), (0, 1)):

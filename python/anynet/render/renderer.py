@@ -81,8 +81,8 @@ def occlusion(disparity: Field, other: Field, sign: int) -> NDArray[np.bool_]:
     seen = np.zeros(disparity.shape, np.uint8)
     for step in (0, 1):
         there = cv2.remap(other, column + step, row, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-        seen |= cv2.inRange(cv2.absdiff(there, disparity), 0, 1)
-    return (seen == 0) | (match < 0) | (match > width - 1)
+        seen |= cv2.inRange(cv2.absdiff(there, disparity), 0, 1).astype(np.uint8, copy=False)
+    return np.asarray((seen == 0) | (match < 0) | (match > width - 1))
 
 
 def render(

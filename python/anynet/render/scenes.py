@@ -214,19 +214,17 @@ class Scene:
             for _ in range(3):
                 frame = rotation(rng.normal(0, 0.7))
                 material = self.material(("wood", "noise"), height, 0.5)
-                self.card(
-                    crown - [0, height * 0.2, 0], height * 0.7, height * 0.6, frame, material, self.shape("branches")
-                )
+                middle = crown - np.array([0, height * 0.2, 0])
+                self.card(middle, height * 0.7, height * 0.6, frame, material, self.shape("branches"))
         else:
-            self.bush(
-                crown + [0, height * 0.1, 0], height * rng.uniform(0.5, 0.9), height - trunk, int(rng.integers(2, 5))
-            )
+            low = crown + np.array([0, height * 0.1, 0])
+            self.bush(low, height * rng.uniform(0.5, 0.9), height - trunk, int(rng.integers(2, 5)))
 
     def person(self, foot: Vector, height: float) -> None:
         rng, upright = self.rng, rotation(rng_angle(self.rng)) @ rotation(0, np.pi / 2)
         cloth = ("plain", "noise", "fabric", "stripes", "photo")
         for side in (-1, 1):
-            leg = foot + [side * height * 0.06, -height * 0.24, rng.normal(0, 0.05) * height]
+            leg = foot + np.array([side * 0.06, -0.24, rng.normal(0, 0.05)]) * height
             self.quadric(
                 leg,
                 rotation(0, np.pi / 2 + rng.normal(0, 0.15)),
@@ -324,7 +322,7 @@ class Scene:
                 cutout,
             )
         elif kind == 2:
-            radii = size / 2 * rng.uniform(0.5, 1.1, 3)
+            radii = (size / 2 * rng.uniform(0.5, 1.1, 3)).tolist()
             self.quadric(centre, spin, radii, self.material(ANY, size, weak=0.25, gloss=gloss))
         elif kind == 3:  # cup, tin, flowerpot
             frame = rotation(0, -np.pi / 2) if upright else spin
@@ -510,8 +508,8 @@ def street(rng: Rng, height: int, width: int) -> Scene:
                     scene.shape("fence"),
                 )
             else:
-                size = unit * rng.uniform(0.8, 3, 3)
-                scene.box(place, size, rotation(rng_angle(rng)), ANY, unit * 3)
+                sides = (unit * rng.uniform(0.8, 3, 3)).tolist()
+                scene.box(place, sides, rotation(rng_angle(rng)), ANY, unit * 3)
             spot += unit * rng.uniform(1.5, 9) + 0.12 * spot * rng.random()
     if rng.random() < 0.75:  # lane markings
         white = scene.material(("gravel",), unit, 1.6)

@@ -23,34 +23,40 @@ def _grain() -> Image:
 
 def photograph(rng: Rng, left: Image, right: Image) -> tuple[Image, Image]:
     """Both images as two slightly different cameras would have taken them. uint8 [H, W, 3]."""
-    gamma = np.exp(rng.normal(0, 0.25))
-    brightness = 255 * np.mean((left[::8, ::8] / 255) ** gamma)
-    gain = float(np.clip(rng.uniform(70, 150) / max(brightness, 1), 0.5, 3))  # automatic exposure
+    gamma, contrast = np.exp(rng.normal(0, 0.25)), np.exp(rng.normal(0.15, 0.25))
+    middle = float(np.mean((left[::8, ::8] / 255) ** gamma))
+    gain = float(np.clip(rng.uniform(70, 165) / 255 / max(middle, 1e-3), 0.5, 3))  # automatic exposure
     lift, tint = rng.uniform(0, 0.06), rng.normal(1, 0.06, 3)
     blur = max(0.0, rng.normal(0.45, 0.25))
     noise = min(rng.exponential(2.2), 9.0)
     unlike = rng.choice([0.0, 1.0, 3.0], p=[0.3, 0.55, 0.15])  # how much the cameras differ
-    images = []
-    for image in (left, right):
+
+    def take(image: Image) -> Image:
         own_gain = gain * np.exp(rng.normal(0, 0.04) * unlike)
         own_gamma = gamma * np.exp(rng.normal(0, 0.03) * unlike)
         own_tint = tint * np.exp(rng.normal(0, 0.02, 3) * unlike)
         level = np.linspace(0, 1, 256)[:, None] ** own_gamma
-        table = np.clip(255 * (lift + (1 - lift) * own_gain * own_tint * level), 0, 255).astype(np.uint8)[:, None]
+        level = np.maximum(middle + contrast * (level - middle), 0)
+        table = np.clip(255 * (lift + (1 - lift) * own_gain * own_tint * level), 0, 255).astype(np.uint8)
         sigma = blur + max(0.0, rng.normal(0, 0.15) * unlike)
-        if sigma > 0.25:
-            image = cv2.GaussianBlur(image, (5, 5), sigma)
-        image = cv2.LUT(image, table)
+        blurred = cv2.GaussianBlur(image, (5, 5), sigma) if sigma > 0.25 else image
+        exposed = cv2.LUT(blurred, table[:, None])
         height, width = image.shape[:2]
         grain = _grain()
-        y, x = rng.integers(0, grain.shape[0] - height + 1), rng.integers(0, grain.shape[1] - width + 1)
-        amount = noise / GRAIN
-        images.append(
-            cv2.addWeighted(image, 1, grain[y : y + height, x : x + width], amount, -128 * amount).astype(np.uint8)
+        if height > grain.shape[0] or width > grain.shape[1]:
+            grain = np.tile(grain, (-(-height // grain.shape[0]), -(-width // grain.shape[1]), 1))
+        y, x = (
+            int(rng.integers(0, whole - part + 1)) for whole, part in zip(grain.shape, image.shape[:2], strict=False)
         )
+        amount = noise / GRAIN
+        window = grain[y : y + height, x : x + width]
+        return cv2.addWeighted(exposed, 1, window, amount, -128 * amount).astype(np.uint8, copy=False)
+
+    left, right = take(left), take(right)
     if rng.random() < 0.5:
         angle, dy = rng.normal(0, 0.0006), float(np.clip(rng.normal(0, 0.35), -1, 1))
         height, width = right.shape[:2]
         move = np.array([[1, 0, 0], [angle, 1, dy - angle * width / 2]])
-        images[1] = cv2.warpAffine(images[1], move, (width, height), borderMode=cv2.BORDER_REPLICATE).astype(np.uint8)
-    return images[0], images[1]
+        moved = cv2.warpAffine(right, move, (width, height), borderMode=cv2.BORDER_REPLICATE)
+        right = moved.astype(np.uint8, copy=False)
+    return left, right

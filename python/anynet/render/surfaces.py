@@ -7,7 +7,7 @@ r = (x - cx, y - cy, f), so that the point on it with disparity d is r / d (+ th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol
 
@@ -152,7 +152,7 @@ class Material:
         return colour
 
 
-def _level(pyramid: tuple[Image, ...] | list[Image], texels_per_pixel: float) -> int:
+def _level(pyramid: Sequence[Image], texels_per_pixel: float) -> int:
     return int(np.clip(np.round(np.log2(max(texels_per_pixel, 1e-6)) + 0.2), 0, len(pyramid) - 1))
 
 
@@ -165,6 +165,11 @@ def _scaled(level: int) -> NDArray[np.float64]:
 def _affine(row: NDArray[np.float64], x: Field, y: Field) -> Field:
     a, b, c = (np.float32(v) for v in row)
     return np.asarray(a * x + (b * y + c))
+
+
+def _dot(vector: Vector, components: Sequence[Field]) -> Field:
+    a, b, c = (np.float32(v) for v in vector)
+    return np.asarray(a * components[0] + b * components[1] + c * components[2])
 
 
 @dataclass(frozen=True)
@@ -205,7 +210,7 @@ class Patch:
         disparity = _affine(matrix[2], x, y)
         coverage = self._cut(matrix @ window.shift, window, camera, eye)
         if self.material.opacity < 1:
-            coverage = cv2.convertScaleAbs(coverage, alpha=self.material.opacity)
+            coverage = cv2.convertScaleAbs(coverage, alpha=self.material.opacity).astype(np.uint8, copy=False)
 
         def paint(part: Window) -> Image:
             colour = self._paint(matrix @ part.shift, disparity[part.within(window)])
@@ -286,14 +291,14 @@ class Relief(Patch):
             column = x + disparity if eye else column
             q = _affine(matrix[2], column, y)
             inverse = 1 / np.maximum(q, np.float32(1e-3))
-            u, v = _affine(matrix[0], column, y) * inverse, _affine(matrix[1], column, y) * inverse
+            u: Field = _affine(matrix[0], column, y) * inverse
+            v: Field = _affine(matrix[1], column, y) * inverse
             bump = cv2.remap(height, u * cells, v * cells, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             disparity = q * (1 + np.float32(self.strength) * bump)
         middle = camera.focal / self.depth
         if self.cutout is None:
-            coverage = cv2.bitwise_and(
-                cv2.inRange(u, 0, 1), cv2.bitwise_and(cv2.inRange(v, 0, 1), cv2.inRange(q, 0, np.inf))
-            )
+            inside = (u > 0) & (u < 1) & (v > 0) & (v < 1) & (q > 0)
+            coverage = inside.view(np.uint8) * np.uint8(255)
         else:
             masks = textures.shape(*self.cutout)
             n = textures.SHAPE_SIZE
@@ -388,8 +393,7 @@ class Quadric:
         side /= np.linalg.norm(side)
         up = np.cross(forward, side)
         # Arc length instead of its projection, so that the texture narrows towards the rim.
-        across = sum(np.float32(a) * c for a, c in zip(side, s, strict=True))
-        along = sum(np.float32(a) * c for a, c in zip(up, s, strict=True))
+        across, along = _dot(side, s), _dot(up, s)
         across = across * (1 + np.float32(0.35) * across * across)
         wide, tall = float(radius[:2].mean()), float(radius[2])
         texels = self.material.placement(wide, tall)
@@ -403,6 +407,6 @@ class Quadric:
         )
         towards = self.axes @ (self.light / np.linalg.norm(self.light)) * np.array([1, 1, self.flat])
         towards /= max(float(np.linalg.norm(towards)), 1e-6)
-        glow = sum(np.float32(a) * c for a, c in zip(towards, s, strict=True))
+        glow = _dot(towards, s)
         light = np.clip(128 * (0.8 + 0.45 * glow), 20, 250).astype(np.uint8, copy=False)
         return cv2.multiply(colour, cv2.merge([light, light, light]), scale=1 / 128).astype(np.uint8, copy=False)

@@ -22,13 +22,13 @@ Rng = np.random.Generator
 SIZE = 384  # texels along a side of a texture
 SHAPE_SIZE = 256  # ... of a cut-out shape
 VARIANTS = 20  # entries per kind
-PHOTOS = (
-    "astronaut brick camera chelsea coffee grass gravel hubble_deep_field retina rocket".split()  # see the licences above
-)
+PHOTOS = (  # see the licences above
+    "astronaut", "brick", "camera", "chelsea", "coffee", "grass", "gravel", "hubble_deep_field", "retina", "rocket",
+)  # fmt: skip
 
 
 def octaves(rng: Rng, size: int, roughness: float, stretch: tuple[int, int] = (1, 1), first: int = 0) -> Field:
-    """Sum of random fields of doubling frequency from 2^first on, amplitude `roughness` per octave, scaled to [0, 1]."""
+    """Sum of random fields of doubling frequency from 2^first, amplitude `roughness` per octave, scaled to [0, 1]."""
     total = np.zeros((size, size), np.float32)
     cells, amplitude = 2 * 2**first, 1.0
     while cells <= size:
@@ -37,7 +37,7 @@ def octaves(rng: Rng, size: int, roughness: float, stretch: tuple[int, int] = (1
         total += amplitude * cv2.resize(noise, (size, size), interpolation=cv2.INTER_CUBIC)
         cells, amplitude = cells * 2, amplitude * roughness
     low, high = np.percentile(total[::4, ::4], (1, 99))
-    return np.clip((total - low) / (high - low), 0, 1)
+    return np.asarray(np.clip((total - low) / (high - low), 0, 1))
 
 
 def colour(rng: Rng, saturation: float = 0.35) -> NDArray[np.float64]:
@@ -46,7 +46,7 @@ def colour(rng: Rng, saturation: float = 0.35) -> NDArray[np.float64]:
     value = rng.uniform(30, 250)
     hue = rng.uniform(0, 6)
     wheel = np.clip(np.abs((hue + np.array([0, 4, 2])) % 6 - 3) - 1, 0, 1)
-    return value * (1 - s + s * wheel)
+    return np.asarray(value * (1 - s + s * wheel))
 
 
 def palette(rng: Rng, count: int, spread: float = 60, saturation: float = 0.35) -> NDArray[np.float64]:
@@ -265,7 +265,8 @@ def _sky(rng: Rng) -> Image:
     clouds = octaves(rng, SIZE, rng.uniform(0.4, 0.6), stretch=(1, 2))
     cover = np.clip((clouds - rng.uniform(0, 1)) * 3, 0, 1)[..., None]
     fall = np.linspace(0, 1, SIZE)[:, None, None]
-    return np.clip(blue * (1 - fall / 2) + 255 * fall / 2 + cover * (235 - blue), 0, 255).astype(np.uint8)
+    image = blue * (1 - fall / 2) + 255 * fall / 2 + cover * (235 - blue)
+    return np.asarray(np.clip(image, 0, 255), np.uint8)
 
 
 def _ellipse(rng: Rng) -> Image:
@@ -288,11 +289,11 @@ def _polygon(rng: Rng) -> Image:
 def _falloff(power: float = 2) -> Field:
     """1 in the middle, 0 on the border of a shape."""
     axis = np.abs(np.linspace(-1, 1, SHAPE_SIZE, dtype=np.float32)) ** power
-    return np.clip(1 - axis[:, None] - axis, 0, 1)
+    return np.asarray(np.clip(1 - axis[:, None] - axis, 0, 1))
 
 
 def _threshold(field: Field, softness: float = 12) -> Image:
-    return np.clip(127 + field * 255 * softness, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(127 + field * 255 * softness, 0, 255), np.uint8)
 
 
 def _blob(rng: Rng) -> Image:
@@ -308,7 +309,8 @@ def _canopy(rng: Rng) -> Image:
 
 def _soft(rng: Rng) -> Image:
     """Soft-edged blob for shadows and highlights."""
-    return (255 * np.clip(_falloff() * (0.6 + 0.8 * octaves(rng, SHAPE_SIZE, 0.4)) * 1.5, 0, 1)).astype(np.uint8)
+    field = _falloff() * (0.9 + 1.2 * octaves(rng, SHAPE_SIZE, 0.4))
+    return np.asarray(255 * np.clip(field, 0, 1), np.uint8)
 
 
 def _fence(rng: Rng) -> Image:
@@ -409,8 +411,8 @@ def _ring(rng: Rng) -> Image:
 
 _TEXTURES: dict[str, Callable[[Rng], Image]] = {
     "noise": _noise, "leaves": _leaves, "foliage": _foliage, "gravel": _gravel, "bricks": _bricks, "stripes": _stripes,
-    "facade": _facade, "wood": _wood, "text": _text, "poster": _poster, "plain": _plain, "fabric": _fabric, "photo": _photo,
-    "sky": _sky,
+    "facade": _facade, "wood": _wood, "text": _text, "poster": _poster, "plain": _plain, "fabric": _fabric,
+    "photo": _photo, "sky": _sky,
 }  # fmt: skip
 _SHAPES: dict[str, Callable[[Rng], Image]] = {
     "ellipse": _ellipse, "polygon": _polygon, "blob": _blob, "canopy": _canopy, "soft": _soft, "fence": _fence,
