@@ -291,8 +291,7 @@ class Relief(Patch):
             column = x + disparity if eye else column
             q = _affine(matrix[2], column, y)
             inverse = 1 / np.maximum(q, np.float32(1e-3))
-            u: Field = _affine(matrix[0], column, y) * inverse
-            v: Field = _affine(matrix[1], column, y) * inverse
+            u, v = (np.asarray(_affine(row, column, y) * inverse, np.float32) for row in matrix[:2])
             bump = cv2.remap(height, u * cells, v * cells, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             disparity = q * (1 + np.float32(self.strength) * bump)
         middle = camera.focal / self.depth

@@ -22,7 +22,7 @@ def rendered() -> RenderedSample:
 
 
 def mismatch(sample: StereoSample, offset: float = 0.0) -> float:
-    """Mean difference between the left view and the right one warped by disparity + offset, where both see the point."""
+    """Mean difference between the left view and the right one warped by disparity + offset, where both see it."""
     height, width = sample.disparity.shape
     x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
     warped = cv2.remap(
