@@ -8,6 +8,10 @@
 
 #include "tensor.h"
 
+#if defined(__AVX2__)
+#include <immintrin.h>
+#endif
+
 #define ANYNET_INLINE inline __attribute__((always_inline))
 
 namespace anynet::ANYNET_ISA {
@@ -65,6 +69,48 @@ struct Constant {
 };
 
 constexpr int64_t round_up(int64_t count, int64_t step) { return (count + step - 1) / step * step; }
+
+/// Which lanes [first, end) a load reads. It leaves the others 0 and does not touch their memory.
+#if defined(__AVX512F__)
+template <class A>
+struct LaneRange {
+  uint16_t on;
+  LaneRange(int first, int end) : on(static_cast<uint16_t>(((1u << end) - 1) & ~((1u << first) - 1))) {}
+};
+ANYNET_INLINE vec<float> load(const float* p, LaneRange<float> lanes) {
+  return reinterpret_cast<vec<float>>(_mm512_maskz_loadu_ps(lanes.on, p));
+}
+ANYNET_INLINE vec<double> load(const double* p, LaneRange<double> lanes) {
+  return reinterpret_cast<vec<double>>(_mm512_maskz_loadu_pd(static_cast<uint8_t>(lanes.on), p));
+}
+#elif defined(__AVX2__)
+template <class A>
+struct LaneRange {
+  typename Simd<A>::mask on{};
+  LaneRange(int first, int end) {
+    for (int i = first; i < end; ++i) on[i] = -1;
+  }
+};
+ANYNET_INLINE vec<float> load(const float* p, LaneRange<float> lanes) {
+  return reinterpret_cast<vec<float>>(_mm256_maskload_ps(p, reinterpret_cast<__m256i>(lanes.on)));
+}
+ANYNET_INLINE vec<double> load(const double* p, LaneRange<double> lanes) {
+  return reinterpret_cast<vec<double>>(_mm256_maskload_pd(p, reinterpret_cast<__m256i>(lanes.on)));
+}
+#else
+template <class A>
+struct LaneRange {
+  int first, end;
+  LaneRange(int first, int end) : first(first), end(end) {}
+};
+template <class A>
+ANYNET_INLINE vec<A> load(const A* p, LaneRange<A> range) {
+  if (range.end - range.first == lanes<A>) return load(p);
+  vec<A> v{};
+  for (int i = range.first; i < range.end; ++i) v[i] = p[i];
+  return v;
+}
+#endif
 
 ANYNET_INLINE float to_float(float16 h) {
   _Float16 f;

@@ -20,23 +20,21 @@
 namespace anynet::ANYNET_ISA {
 namespace {
 
-// Registers that accumulate: 4 channels x this many vectors, which leaves room for a tap's pixels and a weight.
-constexpr int block_vectors = vector_bytes == 64 ? 5 : vector_bytes == 32 ? 3 : 2;
-constexpr int max_taps = 9;     // (kz, ky); kx is not counted
-constexpr int64_t chunks = 64;  // about as many partial sums of the weights' gradient
+constexpr int registers = vector_bytes == 64 ? 32 : 16;
+constexpr int max_channels = registers / 4;  // of a block
+constexpr int64_t chunks = 64;               // about as many partial sums of the weights' gradient
 
 template <class T>
 using lane_sequence = std::make_integer_sequence<int, lanes<T>>;
 
-/// {0, v[0], v[1], ...}
-template <class T, int... I>
-ANYNET_INLINE vec<T> shift_up(vec<T> v, std::integer_sequence<int, I...>) {
-  return __builtin_shufflevector(v, vec<T>{}, (I == 0 ? lanes<T> : I - 1)...);
-}
-/// {v[1], v[2], ..., 0}
-template <class T, int... I>
-ANYNET_INLINE vec<T> shift_down(vec<T> v, std::integer_sequence<int, I...>) {
-  return __builtin_shufflevector(v, vec<T>{}, (I + 1)...);
+/// Keeps the compiler from reading through `p` before it has computed `v`, where it would run out of registers.
+template <class T>
+ANYNET_INLINE void read_after(const T*& p, vec<T>& v) {
+#if defined(__x86_64__)
+  asm("" : "+r"(p), "+v"(v));
+#elif defined(__aarch64__)
+  asm("" : "+r"(p), "+w"(v));
+#endif
 }
 
 /// How many vectors cover a row, the last one moved back to end where the row ends.
@@ -122,111 +120,165 @@ struct Geometry {
   }
 
   int64_t strided(int64_t size) const { return (size + stride - 1) / stride; }
+  /// As many threads as the work is worth waking.
+  int threads(int available) const {
+    return useful_threads(batch * out_channels * out_rows() * out_width * in_channels * taps() * 3 / 8, available);
+  }
   int64_t taps() const { return 3 * kernel_depth; }
   int64_t in_rows() const { return in_depth * in_height; }
   int64_t out_rows() const { return out_depth * out_height; }
 
-  /// The row of an input channel's that output row (z, y) reads through (kz, ky), or -1.
-  int64_t row(int64_t z, int64_t y, int64_t kz, int64_t ky) const {
-    const int64_t iz = kernel_depth == 1 ? z * dilation : z * stride + kz - 1, iy = y * stride + ky - 1;
-    if (iz < 0 || iy < 0 || iz % dilation != 0 || iy % dilation != 0) return -1;
-    if (iz / dilation >= in_depth || iy / dilation >= in_height) return -1;
-    return iz / dilation * in_height + iy / dilation;
+  /// The position in an input of `size` that output position `o` reads through tap `t`, or -1.
+  int64_t tap(int64_t o, int64_t t, int64_t size) const {
+    const int64_t i = o * stride + t - 1;
+    return i < 0 || i % dilation != 0 || i / dilation >= size ? -1 : i / dilation;
   }
+  int64_t plane(int64_t z, int64_t kz) const { return kernel_depth == 1 ? z : tap(z, kz, in_depth); }
+  int64_t row(int64_t y, int64_t ky) const { return tap(y, ky, in_height); }
 };
 
 // --------------------------------------------------------------------------------- forward and gradient of the input
 
-/// What one output row reads: for channel c and tap j the row at data + c * channel + source[j].
+constexpr int max_rows = 4;
+
+/// As many output rows as share a block whose channels alone would leave registers free.
+constexpr int rows_beside(int channels) { return std::min(max_rows, max_channels / channels); }
+/// As many vectors as fit, besides one register for a weight and, per vector, one for a tap's pixels.
+constexpr int vectors_beside(int channels) { return std::min(6, (registers - 1) / (channels + 1)); }
+
+/// What a block reads: plane[k] (weights kz[k]) and in it row[i], of each channel.
 template <class T>
-struct Rows {
+struct Window {
   const T* data;
-  int64_t channel, channels, taps;
-  int count;                 // taps inside the image
-  int64_t source[max_taps];  // where each one's row starts
-  int64_t weight[max_taps];  // and which (kz, ky) it is
+  int64_t channel, channels;  // from one to the next, and how many
+  int64_t planes, plane[3], kz[3];
+  int64_t row[max_rows + 2];  // or -1: outside the image
   int64_t column[3];
-  bool left, right;  // columns -1 and W must be made up
+  int64_t kernel;  // weights of a channel: taps x 3
+  bool padded;     // if not, columns -1 and W are missing
 };
 
 /// Where a block's results go.
 template <class T>
 struct Target {
-  T* out;         // the row of the block's first channel
-  int64_t plane;  // from a channel to the next
-  int64_t width;
+  T* out;                // the first row of the block's first channel
+  int64_t plane, width;  // from a channel to the next; of the image
+  int64_t in_width;
   const T* bias;  // or nullptr
   bool relu;
 };
 
-/// CO output channels x V vectors of one output row, at columns x, x + lanes, ..., `last`.
-/// weight: [channel][tap][kx][CO]
-template <class T, int CO, int V>
-void block(const Rows<T>& rows, int64_t x, int64_t last, const T* weight, const Target<T>& target) {
-  vec<T> sum[CO][V];
+/// The pixels `stride` apart from `p` on. Those outside `on` (of the elements of p's vector, or of the next one with
+/// stride 2) are 0, and their memory is not touched.
+template <int stride, class T, int... I>
+ANYNET_INLINE vec<T> load_pixels(const T* p, LaneRange<T> first, LaneRange<T> second,
+                                 std::integer_sequence<int, I...>) {
+  if constexpr (stride == 1) return load(p, first);
+  return __builtin_shufflevector(load(p, first), load(p + lanes<T>, second), 2 * I...);
+}
+
+/// CO output channels x R rows x V vectors at columns x, x + lanes, ..., `last`.
+/// weight: [channel][kz][ky][kx][CO]
+template <class T, int CO, int R, int V, int stride>
+void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, const Target<T>& target) {
+  constexpr int L = lanes<T>;
+  vec<T> sum[R][CO][V];
 #pragma GCC unroll 8
-  for (int o = 0; o < CO; ++o) {
+  for (int r = 0; r < R; ++r) {
 #pragma GCC unroll 8
-    for (int v = 0; v < V; ++v) sum[o][v] = splat(target.bias == nullptr ? T(0) : target.bias[o]);
+    for (int o = 0; o < CO; ++o) {
+#pragma GCC unroll 8
+      for (int v = 0; v < V; ++v) sum[r][o][v] = splat(target.bias == nullptr ? T(0) : target.bias[o]);
+    }
   }
-  const bool left = rows.left && x == 0, right = rows.right && last + lanes<T> == target.width;
-  for (int64_t c = 0; c < rows.channels; ++c) {
-    for (int j = 0; j < rows.count; ++j) {
-      const T* row = rows.data + c * rows.channel + rows.source[j];
-      const T* w = weight + (c * rows.taps + rows.weight[j]) * 3 * CO;
-#pragma GCC unroll 3
-      for (int kx = 0; kx < 3; ++kx) {
-        vec<T> pixels[V];
+  // Elements that a vector load may read: all, and for stride 2 all but the last of the second vector, which no tap
+  // needs; at the ends of a row one less.
+  const bool left = !window.padded && x == 0;
+  const bool right = !window.padded && stride * (last + L) > target.in_width - (stride == 1);
+  const LaneRange<T> all(0, L), left_lanes(left ? 1 : 0, L), second(0, L - 1);
+  const LaneRange<T> right_lanes(0, stride == 1 && right ? L - 1 : L), right_second(0, right ? L - 2 : L - 1);
+  for (int64_t c = 0; c < window.channels; ++c) {
+    for (int64_t k = 0; k < window.planes; ++k) {
+      const T* plane = window.data + c * window.channel + window.plane[k] + stride * x;
+      const T* w = weight + (c * window.kernel + window.kz[k] * 9) * CO;
 #pragma GCC unroll 8
-        for (int v = 0; v < V; ++v) {
-          const int64_t at = v == V - 1 ? last : x + v * lanes<T>;
-          if (v == 0 && kx == 0 && left) {
-            pixels[v] = shift_up<T>(load(row + at), lane_sequence<T>{});
-          } else if (v == V - 1 && kx == 2 && right) {
-            pixels[v] = shift_down<T>(load(row + at), lane_sequence<T>{});
-          } else {
-            pixels[v] = load(row + rows.column[kx] + at);
+      for (int i = 0; i < R + 2; ++i) {
+        if (window.row[i] < 0) continue;
+#pragma GCC unroll 3
+        for (int kx = 0; kx < 3; ++kx) {
+          const T* from = plane + window.row[i] + window.column[kx];
+          read_after(from, sum[0][0][0]);
+          vec<T> pixels[V];
+#pragma GCC unroll 8
+          for (int v = 0; v < V; ++v) {
+            const T* at = from + stride * (v == V - 1 ? last - x : v * L);
+            if (stride == 1 && (v > 0 || kx > 0) && (v < V - 1 || kx < 2)) {
+              pixels[v] = load(at);
+            } else {
+              pixels[v] = load_pixels<stride>(at,
+                                              v == 0 && kx == 0       ? left_lanes
+                                              : v == V - 1 && kx == 2 ? right_lanes
+                                                                      : all,
+                                              v == V - 1 && kx == 2 ? right_second : second, lane_sequence<T>{});
+            }
+          }
+#pragma GCC unroll 8
+          for (int r = 0; r < R; ++r) {
+            if (r > i || r + 2 < i) continue;
+#pragma GCC unroll 8
+            for (int o = 0; o < CO; ++o) {
+              const vec<T> wo = splat(w[((i - r) * 3 + kx) * CO + o]);
+#pragma GCC unroll 8
+              for (int v = 0; v < V; ++v) sum[r][o][v] += wo * pixels[v];
+              read_after(w, sum[r][o][V - 1]);
+            }
           }
         }
+      }
+    }
+  }
 #pragma GCC unroll 8
-        for (int o = 0; o < CO; ++o) {
-          const vec<T> wo = splat(w[kx * CO + o]);
+  for (int r = 0; r < R; ++r) {
 #pragma GCC unroll 8
-          for (int v = 0; v < V; ++v) sum[o][v] += wo * pixels[v];
+    for (int o = 0; o < CO; ++o) {
+#pragma GCC unroll 8
+      for (int v = 0; v < V; ++v) {
+        const vec<T> value = target.relu ? (sum[r][o][v] < vec<T>{} ? vec<T>{} : sum[r][o][v]) : sum[r][o][v];
+        T* out = target.out + o * target.plane + r * target.width + (v == V - 1 ? last : x + v * L);
+        if (V == 1 && target.width < L) {
+          std::memcpy(out, &value, target.width * sizeof(T));
+        } else {
+          store(out, value);
         }
       }
     }
   }
-#pragma GCC unroll 8
-  for (int o = 0; o < CO; ++o) {
-#pragma GCC unroll 8
-    for (int v = 0; v < V; ++v) {
-      const vec<T> value = target.relu ? (sum[o][v] < vec<T>{} ? vec<T>{} : sum[o][v]) : sum[o][v];
-      T* out = target.out + o * target.plane + (v == V - 1 ? last : x + v * lanes<T>);
-      if (target.width < lanes<T>) {
-        std::memcpy(out, &value, target.width * sizeof(T));
-      } else {
-        store(out, value);
-      }
-    }
-  }
 }
 
 template <class T>
-using Block = void (*)(const Rows<T>&, int64_t, int64_t, const T*, const Target<T>&);
+using Block = void (*)(const Window<T>&, int64_t, int64_t, const T*, const Target<T>&);
 
-template <class T, int CO, int... V>
+template <class T, int CO, int R, int stride, int... V>
 Block<T> pick(int64_t vectors, std::integer_sequence<int, V...>) {
-  static constexpr Block<T> blocks[] = {block<T, CO, V + 1>...};
+  static constexpr Block<T> blocks[] = {block<T, CO, R, V + 1, stride>...};
   return blocks[vectors - 1];
 }
-
+template <class T, int CO>
+Block<T> pick(int64_t rows, int64_t vectors, int64_t stride) {
+  constexpr int R = rows_beside(CO);
+  constexpr auto flat = std::make_integer_sequence<int, vectors_beside(CO)>{};
+  if (stride == 2) return pick<T, CO, 1, 2>(vectors, flat);
+  if (rows == 1) return pick<T, CO, 1, 1>(vectors, flat);
+  return pick<T, CO, R, 1>(vectors, std::make_integer_sequence<int, vectors_beside(CO * R)>{});
+}
 template <class T>
-Block<T> pick(int64_t channels, int64_t vectors) {
-  constexpr auto counts = std::make_integer_sequence<int, block_vectors>{};
-  return channels == 1   ? pick<T, 1>(vectors, counts)
-         : channels == 2 ? pick<T, 2>(vectors, counts)
-                         : pick<T, 4>(vectors, counts);
+Block<T> pick(int64_t channels, int64_t rows, int64_t vectors, int64_t stride) {
+  if constexpr (max_channels >= 8) {
+    if (channels == 8) return pick<T, 8>(rows, vectors, stride);
+  }
+  return channels == 1   ? pick<T, 1>(rows, vectors, stride)
+         : channels == 2 ? pick<T, 2>(rows, vectors, stride)
+                         : pick<T, 4>(rows, vectors, stride);
 }
 
 /// How many of the channels from `o` on make the next block: 8 (if `largest` allows), 4, 2 or 1.
@@ -241,7 +293,7 @@ std::vector<T> pack(const Geometry& g, const Weight& weight) {
   std::vector<T> packed;
   packed.reserve(g.out_channels * g.in_channels * g.taps() * 3);
   for (int64_t o = 0, size; o < g.out_channels; o += size) {
-    size = block_at(o, g.out_channels, 4);
+    size = block_at(o, g.out_channels, max_channels);
     for (int64_t c = 0; c < g.in_channels; ++c) {
       for (int64_t t = 0; t < g.taps() * 3; ++t) {
         for (int64_t i = 0; i < size; ++i) packed.push_back(weight(o + i, c, t));
@@ -254,30 +306,42 @@ std::vector<T> pack(const Geometry& g, const Weight& weight) {
 template <class T>
 void convolve(const Geometry& g, const Source<T>& source, const std::vector<T>& weights, const T* bias, bool relu,
               T* out, int threads) {
-  const int64_t vectors = vectors_in<T>(g.out_width), runs = (vectors + block_vectors - 1) / block_vectors;
-  parallel_for(g.batch * g.out_rows(), threads, [&](int64_t r) {
-    const int64_t y = r % g.out_height, z = r / g.out_height % g.out_depth, n = r / g.out_rows();
-    Rows<T> rows;
-    rows.channel = g.in_rows() * source.pitch;
-    rows.data = source.data + n * g.in_channels * rows.channel;
-    rows.channels = g.in_channels, rows.taps = g.taps(), rows.count = 0;
-    for (int64_t t = 0; t < g.taps(); ++t) {
-      const int64_t row = g.row(z, y, t / 3, t % 3);
-      if (row >= 0) rows.source[rows.count] = row * source.pitch, rows.weight[rows.count++] = t;
+  const int64_t vectors = vectors_in<T>(g.out_width), groups = (g.out_height + max_rows - 1) / max_rows;
+  const int64_t stride = source.padded ? 1 : g.stride;
+  parallel_for(g.batch * g.out_depth * groups, threads, [&](int64_t unit) {
+    const int64_t begin = unit % groups * max_rows, end = std::min(begin + max_rows, g.out_height);
+    const int64_t z = unit / groups % g.out_depth, n = unit / groups / g.out_depth;
+    Window<T> window;
+    window.channel = g.in_rows() * source.pitch, window.channels = g.in_channels;
+    window.data = source.data + n * g.in_channels * window.channel;
+    window.kernel = g.taps() * 3, window.padded = source.padded, window.planes = 0;
+    std::copy_n(source.column, 3, window.column);
+    for (int64_t kz = 0; kz < g.kernel_depth; ++kz) {
+      const int64_t plane = g.plane(z, kz);
+      if (plane < 0) continue;
+      window.plane[window.planes] = plane * g.in_height * source.pitch;
+      window.kz[window.planes++] = kz;
     }
-    std::copy_n(source.column, 3, rows.column);
-    rows.left = rows.right = !source.padded;
-
-    Target<T> target{nullptr, g.out_rows() * g.out_width, g.out_width, nullptr, relu};
-    T* row = out + n * g.out_channels * target.plane + (z * g.out_height + y) * g.out_width;
-    for (int64_t run = 0; run < runs; ++run) {
-      const int64_t first = vectors * run / runs, end = vectors * (run + 1) / runs;
-      const int64_t x = vector_start<T>(first, g.out_width), last = vector_start<T>(end - 1, g.out_width);
-      for (int64_t o = 0, size; o < g.out_channels; o += size) {
-        size = block_at(o, g.out_channels, 4);
-        target.out = row + o * target.plane;
-        target.bias = bias == nullptr ? nullptr : bias + o;
-        pick<T>(size, end - first)(rows, x, last, weights.data() + o * g.in_channels * g.taps() * 3, target);
+    Target<T> target{nullptr, g.out_rows() * g.out_width, g.out_width, g.in_width, nullptr, relu};
+    for (int64_t o = 0, size; o < g.out_channels; o += size) {
+      size = block_at(o, g.out_channels, max_channels);
+      target.bias = bias == nullptr ? nullptr : bias + o;
+      const int64_t tall = rows_beside(static_cast<int>(size));
+      const int64_t rows = g.stride == 1 && g.dilation == 1 && g.out_height >= tall ? tall : 1;
+      const int64_t most = vectors_beside(static_cast<int>(size * rows)), runs = (vectors + most - 1) / most;
+      for (int64_t top = begin; top < end; top += rows) {
+        const int64_t y = std::min(top, g.out_height - rows);  // the last rows of an image may be computed twice
+        for (int64_t i = 0; i < rows + 2; ++i) {
+          const int64_t row = g.row(y + (i > 2 ? i - 2 : 0), i > 2 ? 2 : i);
+          window.row[i] = row < 0 ? -1 : row * source.pitch;
+        }
+        target.out = out + (n * g.out_channels + o) * target.plane + (z * g.out_height + y) * g.out_width;
+        for (int64_t run = 0; run < runs; ++run) {
+          const int64_t first = vectors * run / runs, next = vectors * (run + 1) / runs;
+          pick<T>(size, rows, next - first, stride)(window, vector_start<T>(first, g.out_width),
+                                                    vector_start<T>(next - 1, g.out_width),
+                                                    weights.data() + o * g.in_channels * window.kernel, target);
+        }
       }
     }
   });
@@ -299,36 +363,36 @@ struct Chunk {
 
 /// sums[o * stride + kx] = the sum over a chunk of grad[o] times the input that it saw through (kz, ky) and kx.
 template <class T, int CO>
-void correlate(const Geometry& g, const Source<T>& input, const Source<T>& grad, vec<T> tail, const Chunk& chunk,
-               int64_t o, int64_t c, int64_t kz, int64_t ky, int64_t stride, T* sums) {
+void correlate(const Geometry& g, const Source<T>& input, const Source<T>& grad, const Chunk& chunk, int64_t o,
+               int64_t c, int64_t kz, int64_t ky, int64_t stride, T* sums) {
   const int64_t plane = g.out_rows() * grad.pitch, last = vector_start<T>(vectors_in<T>(g.out_width) - 1, g.out_width);
   const int64_t center = grad.padded ? grad.column[1] : 0;
+  constexpr int L = lanes<T>;
+  const LaneRange<T> all(0, L), left(input.padded ? 0 : 1, L), right(0, input.padded ? L : L - 1);
+  const LaneRange<T> fresh(grad.padded ? 0 : (L - g.out_width % L) % L, L);  // what the vector before has not seen
   vec<T> sum[CO][3] = {};
   for (int64_t p = chunk.first; p < chunk.last; ++p) {
     const int64_t n = p / g.out_depth, z = p % g.out_depth;
     for (int64_t y = chunk.begin; y < chunk.end; ++y) {
-      const int64_t r = g.row(z, y, kz, ky);
-      if (r < 0) continue;
-      const T* row = input.data + ((n * g.in_channels + c) * g.in_rows() + r) * input.pitch;
+      const int64_t iz = g.plane(z, kz), iy = g.row(y, ky);
+      if (iz < 0 || iy < 0) continue;
+      const T* row = input.data + ((n * g.in_channels + c) * g.in_rows() + iz * g.in_height + iy) * input.pitch;
       const T* to = grad.data + (n * g.out_channels + o) * plane + (z * g.out_height + y) * grad.pitch + center;
-      const auto step = [&](int64_t x, bool left, bool right) __attribute__((always_inline)) {
-        vec<T> pixels[3];
-        pixels[0] = left ? shift_up<T>(load(row + x), lane_sequence<T>{}) : load(row + input.column[0] + x);
-        pixels[1] = load(row + input.column[1] + x);
-        pixels[2] = right ? shift_down<T>(load(row + x), lane_sequence<T>{}) : load(row + input.column[2] + x);
+      const auto step = [&](int64_t x, LaneRange<T> left, LaneRange<T> right,
+                            LaneRange<T> fresh) __attribute__((always_inline)) {
+        const vec<T> pixels[3] = {load(row + input.column[0] + x, left), load(row + input.column[1] + x),
+                                  load(row + input.column[2] + x, right)};
 #pragma GCC unroll 8
         for (int i = 0; i < CO; ++i) {
-          vec<T> v = load(to + i * plane + x);
-          if (x == last)
-            v = reinterpret_cast<vec<T>>(reinterpret_cast<typename Simd<T>::mask>(v) &
-                                         reinterpret_cast<typename Simd<T>::mask>(tail));
+          const vec<T> v = load(to + i * plane + x, fresh);
 #pragma GCC unroll 3
           for (int kx = 0; kx < 3; ++kx) sum[i][kx] += v * pixels[kx];
+          read_after(to, sum[i][2]);
         }
       };
-      if (last > 0) step(0, !input.padded, false);
-      for (int64_t x = lanes<T>; x < last; x += lanes<T>) step(x, false, false);
-      step(last, !input.padded && last == 0, !input.padded);
+      if (last > 0) step(0, left, all, all);
+      for (int64_t x = L; x < last; x += L) step(x, all, all, all);
+      step(last, last == 0 ? left : all, right, fresh);
     }
   }
   for (int i = 0; i < CO; ++i) {
@@ -339,11 +403,12 @@ void correlate(const Geometry& g, const Source<T>& input, const Source<T>& grad,
 }  // namespace
 
 template <class T>
-void conv(const Conv<T>& a, int threads) {
+void conv(const Conv<T>& a, int available) {
   const Geometry g(a.shape);
+  const int threads = g.threads(available);
   const int64_t size = g.in_channels * g.taps() * 3, depth = g.taps() * 3;
   const auto weights = pack<T>(g, [&](int64_t o, int64_t c, int64_t t) { return a.weight[o * size + c * depth + t]; });
-  const bool direct = g.stride == 1 && a.scale == nullptr && !a.relu_in && g.out_width >= lanes<T>;
+  const bool direct = a.scale == nullptr && !a.relu_in && g.out_width >= lanes<T>;
   const auto activate = [&](int64_t row) {
     const int64_t c = row / g.in_rows() % g.in_channels;
     const T scale = a.scale == nullptr ? T(1) : a.scale[c], shift = a.scale == nullptr ? T(0) : a.shift[c];
@@ -360,8 +425,9 @@ void conv(const Conv<T>& a, int threads) {
 }
 
 template <class T>
-void conv_backward_input(const ConvBackwardInput<T>& a, int threads) {
+void conv_backward_input(const ConvBackwardInput<T>& a, int available) {
   const Geometry g = Geometry(a.shape).backward();
+  const int threads = g.threads(available);
   const int64_t size = g.out_channels * g.taps() * 3, depth = g.taps() * 3;
   const auto weights =
       pack<T>(g, [&](int64_t c, int64_t o, int64_t t) { return a.weight[o * size + c * depth + depth - 1 - t]; });
@@ -373,8 +439,9 @@ void conv_backward_input(const ConvBackwardInput<T>& a, int threads) {
 }
 
 template <class T>
-void conv_backward_weight(const ConvBackwardWeight<T>& a, int threads) {
+void conv_backward_weight(const ConvBackwardWeight<T>& a, int available) {
   const Geometry g(a.shape);
+  const int threads = g.threads(available);
   const int64_t W = g.out_width, depth = g.taps() * 3, size = g.in_channels * depth;
   const Source<T> input = g.stride == 1 && W >= lanes<T> ? Source<T>(a.input, g.in_width)
                                                          : Source<T>(a.input, g.batch * g.in_channels * g.in_rows(),
@@ -382,11 +449,6 @@ void conv_backward_weight(const ConvBackwardWeight<T>& a, int threads) {
   const Source<T> grad =
       W >= lanes<T> ? Source<T>(a.grad, W)
                     : Source<T>(a.grad, g.batch * g.out_channels * g.out_rows(), W, W, 1, 1, threads, identity<T>);
-  // Which lanes of a row's last vector the one before it has not seen.
-  typename Simd<T>::mask lane{};
-  for (int i = 0; i < lanes<T>; ++i) lane[i] = W < lanes<T> || i >= vectors_in<T>(W) * lanes<T> - W ? -1 : 0;
-  const vec<T> tail = reinterpret_cast<vec<T>>(lane);
-
   const int64_t planes = g.batch * g.out_depth;
   const int64_t groups = std::min(planes, chunks);
   const int64_t parts = planes == 0 ? 0 : std::max<int64_t>(1, std::min(g.out_height, chunks / planes));
@@ -398,14 +460,14 @@ void conv_backward_weight(const ConvBackwardWeight<T>& a, int threads) {
                       g.out_height * (part + 1) / parts};
     T* sums = partial.data() + i * total;
     for (int64_t o = 0, step; o < g.out_channels; o += step) {
-      step = block_at(o, g.out_channels, vector_bytes == 64 ? 8 : 4);
+      step = block_at(o, g.out_channels, max_channels);
       const auto kernel = step == 8   ? correlate<T, 8>
                           : step == 4 ? correlate<T, 4>
                           : step == 2 ? correlate<T, 2>
                                       : correlate<T, 1>;
       for (int64_t c = 0; c < g.in_channels; ++c) {
         for (int64_t t = 0; t < g.taps(); ++t) {
-          kernel(g, input, grad, tail, chunk, o, c, t / 3, t % 3, size, sums + o * size + c * depth + t * 3);
+          kernel(g, input, grad, chunk, o, c, t / 3, t % 3, size, sums + o * size + c * depth + t * 3);
         }
       }
     }
