@@ -1,0 +1,101 @@
+"""Recipes: presets, schedules, storage, and the command line made of them."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import pytest
+
+from anynet import AnyNetConfig
+from anynet.cli import main
+from anynet.errors import AnyNetError
+from anynet.training.recipe import PRESETS, Recipe, preset
+
+
+def test_the_papers_presets():
+    for name in ("paper-sceneflow", "paper-kitti"):
+        recipe = PRESETS[name]
+        assert (recipe.batch, recipe.crop, recipe.rate) == (6, (256, 512), 5e-4)
+        assert recipe.stage_weights == (0.25, 0.5, 1.0, 1.0)
+        assert not recipe.augment
+    scene_flow, kitti = PRESETS["paper-sceneflow"], PRESETS["paper-kitti"]
+    assert scene_flow.length(600) == 10 * 100
+    assert {scene_flow.rate_at(step, 1000) for step in range(1000)} == {5e-4}
+    assert kitti.length(160) == 8000
+    rates = [kitti.rate_at(step, 300) for step in (0, 199, 200, 299)]
+    assert rates == pytest.approx([5e-4, 5e-4, 5e-5, 5e-5])
+
+
+def test_warm_up_and_cosine():
+    recipe = Recipe(steps=1000, rate=1.0, warm_up=9)
+    rates = [recipe.rate_at(step, 1000) for step in range(1000)]
+    assert rates[0] == pytest.approx(0.1)
+    assert max(rates) == pytest.approx(1.0, abs=1e-3)
+    assert rates[500] == pytest.approx(0.5)
+    assert 0 < rates[-1] < 1e-5
+
+
+def test_a_stored_recipe_is_the_same():
+    network = AnyNetConfig(channels=2, ranges=((0, 23), (-3, 3), (-2, 2)))
+    recipe = replace(PRESETS["kitti"], data=("kitti2015:a", "eth3d:b"), network=network, epochs=None)
+    assert Recipe.from_json(recipe.to_json()) == recipe
+
+
+def test_steps_replace_epochs():
+    assert preset("paper-kitti", steps=7).length(1000) == 7
+    assert preset("default", epochs=2).length(600) == 200
+    with pytest.raises(AnyNetError, match="either steps or epochs"):
+        preset("default", steps=7, epochs=2).length(1000)
+    with pytest.raises(AnyNetError, match="no preset 'fast'; there are paper-sceneflow"):
+        preset("fast")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"batch": 0}, "batch must be at least 1, got 0"),
+        ({"crop": (32, 512)}, "crop must be at least 64x64, got 32x512"),
+        ({"rate": float("nan")}, "rate must be positive, got nan"),
+        ({"averaging": 1.0}, "averaging must be in"),
+        ({"schedule": "linear"}, "constant, step or cosine, got 'linear'"),
+        ({"clip": -1.0}, "clip must be positive or 0, got -1.0"),
+    ],
+)
+def test_impossible_options(options, message):
+    with pytest.raises(AnyNetError, match=message):
+        Recipe(**options)
+
+
+def test_resuming_may_change_how_to_run_but_not_what_to_learn():
+    before = Recipe(steps=10)
+    before.check_resumed(replace(before, workers=3, threads=1, log_every=1))
+    with pytest.raises(AnyNetError, match="steps was 10 when the run began, so it cannot be 20"):
+        before.check_resumed(replace(before, steps=20))
+
+
+def test_every_field_is_an_option(capsys, tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr("anynet.training.loop.train", lambda recipe, out, resume: asked.append(recipe) or out)
+    arguments = ["--network", "channels=2", "--stage-weights", "1", "--stage-weights", "2", "--crop", "64", "128"]
+    arguments += ["--data", "render:3", "--data", "render:4", "--no-augment", "--schedule", "constant", "--epochs", "3"]
+    assert main(["train", "--out", str(tmp_path), *arguments]) == 0
+    expected = replace(
+        PRESETS["default"],
+        network=AnyNetConfig(channels=2),
+        stage_weights=(1.0, 2.0),
+        crop=(64, 128),
+        data=("render:3", "render:4"),
+        augment=False,
+        schedule="constant",
+        epochs=3,
+        steps=None,
+    )
+    assert asked == [expected]
+    assert main(["finetune", "--out", str(tmp_path)]) == 0
+    assert asked[1] == PRESETS["kitti"]
+    capsys.readouterr()
+    assert main(["train", "--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(f"--{field.name.replace('_', '-')}" in text for field in fields(Recipe))
+    assert main(["train", "--out", str(tmp_path), "--network", "depth=2"]) == 2
+    assert "expected options among channels" in capsys.readouterr().err
