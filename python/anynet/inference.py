@@ -52,10 +52,10 @@ def _affine(norm: nn.Module) -> tuple[Tensor, Tensor]:
 
 
 def _chain(modules: nn.Module, activated: bool = False) -> list[_Layer]:
-    """A chain of pre-activation layers: each norm goes into the convolution before it, the first into the first's input.
+    """A chain of pre-activation layers: each norm goes into the convolution before it.
 
     Args:
-        activated: the chain's input has been through the first norm and ReLU.
+        activated: the chain's input has been through the first norm and ReLU; otherwise they go into its first layer.
     """
     layers: list[_Layer] = []
     for module in modules.children():
@@ -91,8 +91,7 @@ class InferenceGraph:
         self.config = model.config
         features, refinement = model.features, model.refinement
         std = 255 * torch.tensor(STD)
-        self._mean = 255 * torch.tensor(MEAN)
-        self._std = std[:, None, None]
+        self._mean, self._std = 255 * torch.tensor(MEAN), std
         scale, shift = _affine(features.halve.norm)
         assert features.first.bias is not None
         first = features.first.weight * scale[:, None, None, None] / std[:, None, None]
@@ -104,8 +103,11 @@ class InferenceGraph:
             *_affine(features.down[0][0].norm),  # type: ignore[index]
             self.config.stride,
         )
-        self._down = [_chain(chain, activated=i == 0) for i, chain in enumerate(features.down)]
-        self._up = [_chain(chain) for chain in features.up]
+        self._down, self._up = ([_chain(chain, activated=True) for chain in part] for part in (features.down, features.up))
+        self._down_affine, self._up_affine = (
+            [_affine(chain[0].norm) for chain in part]  # type: ignore[index]
+            for part in (features.down, features.up)
+        )
         self._cost_nets = [_chain(chain) for chain in model.cost_nets]
         self._ranges = list(self.config.ranges)
         self._signs = [1.0] * len(self._ranges)
@@ -156,13 +158,11 @@ class InferenceGraph:
         x = _ops.stem.default(left, right, *self._stem)
         skips: list[Tensor] = []
         for i, layers in enumerate(self._down):
-            x = _run(layers, F.max_pool2d(x, 2) if i else x)
+            x = _run(layers, _ops.max_pool.default(x, *self._down_affine[i]) if i else x)
             skips.append(x)
         yield skips.pop()
-        for layers in self._up:
-            skip = skips.pop()
-            x = F.interpolate(x, skip.shape[-2:], mode="bilinear", align_corners=True)
-            x = _run(layers, torch.cat([skip, x], 1))
+        for i, layers in enumerate(self._up):
+            x = _run(layers, _ops.upsample_concat.default(skips.pop(), x, *self._up_affine[i]))
             yield x
 
     @staticmethod
@@ -177,29 +177,19 @@ class InferenceGraph:
     def _refine(self, left: Tensor, disparity: Tensor) -> Tensor:
         """[1, 1, h, w] at 1/4 resolution to [h, w]."""
         n = len(self.config.spn_directions)
-        gates = _run(self._guidance, self._quarter(left, disparity.shape[2:]))[0].unflatten(0, (n, 1, 3, -1))
-        gates = gates / (gates.abs().sum(2, keepdim=True) + 1e-8)
+        height, width = disparity.shape[2:]
+        image = _ops.quarter_image.default(left, self._mean, self._std, height, width)
+        gates = _run(self._guidance, image).view(n, 3, -1, height, width)
+        gates = _ops.normalise_gates.default(gates)
         x = self._expand(disparity)
         scans = [
-            _ops.spatial_propagation.default(x, gates[i], direction)
+            _ops.spatial_propagation.default(x, gates[i : i + 1], direction)
             for i, direction in enumerate(self.config.spn_directions)
         ]
         if len(scans) > 1:
             together = torch.stack(scans)
             scans = [together.amax(0) if self.config.spn_combine == "max" else together.mean(0)]
         return self._reduce(scans[0])[0, 0]
-
-    def _quarter(self, image: Tensor, size: Sequence[int]) -> Tensor:
-        """The image at 1/4 resolution [1, 3, h, w]: bilinear, so the mean of the middle four of 16 pixels."""
-        sums = 0
-        rows, columns = ((torch.arange(n) * 4, image.shape[d] - 1) for d, n in enumerate(size))
-        picked = [
-            image[(rows[0] + dy).clamp(max=rows[1])][:, (columns[0] + dx).clamp(max=columns[1])].float()
-            for dy in (1, 2)
-            for dx in (1, 2)
-        ]
-        sums = torch.stack(picked).mean(0).permute(2, 0, 1)
-        return ((sums - self._mean[:, None, None]) / self._std).contiguous()[None]
 
 
 def _blur(x: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 #include "../common/parallel.h"
 #include "../common/scratch.h"
@@ -10,7 +11,21 @@
 namespace anynet::ANYNET_ISA {
 namespace {
 
-typedef uint32_t unaligned_uint32 __attribute__((aligned(1), may_alias));
+typedef uint32_t bits __attribute__((vector_size(vector_bytes)));
+
+/// Elements first, first + 3, first + 6, ... of three vectors.
+template <int... I>
+ANYNET_INLINE bits every_third(const bits (&v)[3], int first, std::integer_sequence<int, I...>) {
+  constexpr int n = sizeof...(I);
+  const auto pick = [&](auto offset) {
+    constexpr int k = decltype(offset)::value;
+    const bits two = __builtin_shufflevector(v[0], v[1], (3 * I + k < 2 * n ? 3 * I + k : 0)...);
+    return __builtin_shufflevector(two, v[2], (3 * I + k < 2 * n ? I : 3 * I + k - n)...);
+  };
+  return first == 0   ? pick(std::integral_constant<int, 0>{})
+         : first == 1 ? pick(std::integral_constant<int, 1>{})
+                      : pick(std::integral_constant<int, 2>{});
+}
 
 template <class V>
 ANYNET_INLINE V larger(V a, V b) {
@@ -27,7 +42,7 @@ class Strip {
         image_(a.image[image]),
         quarter_(a.width / 4),
         pitch_((quarter_ + 3 * lanes<T> - 1) / lanes<T> * lanes<T>),
-        bytes_(a.width * 3),
+        bytes_(pitch_ * 12),
         inputs_(4 * 3 * row()),
         first_(5 * a.channels * row()),
         result_(pitch_) {
@@ -67,29 +82,21 @@ class Strip {
       for (int c = 0; c < 3; ++c) fill_zero(input(r, c, 0) - lanes<T>, row());
       return;
     }
-    const uint8_t* from = image_ + std::min(r, a_.image_height - 1) * a_.image_width * 3;
-    if (a_.width != a_.image_width) {
-      std::memcpy(bytes_, from, a_.image_width * 3);
-      for (int64_t i = a_.image_width * 3; i < a_.width * 3; ++i) bytes_[i] = bytes_[i - 3];
-      from = bytes_;
-    }
-    T* to[12];  // four pixels, twelve bytes
-    for (int i = 0; i < 12; ++i) to[i] = input(r, i % 3, i / 3);
-    for (int word = 0; word < 3; ++word) {
-      const auto* source = reinterpret_cast<const unaligned_uint32*>(from) + word;
-      T* __restrict t0 = to[4 * word];
-      T* __restrict t1 = to[4 * word + 1];
-      T* __restrict t2 = to[4 * word + 2];
-      T* __restrict t3 = to[4 * word + 3];
-      const T m0 = a_.mean[4 * word % 3], m1 = a_.mean[(4 * word + 1) % 3], m2 = a_.mean[(4 * word + 2) % 3];
-      for (int64_t j = 0; j < quarter_; ++j) {
-        const uint32_t v = source[3 * j];
-        t0[j] = static_cast<T>(static_cast<int32_t>(v & 255)) - m0;
-        t1[j] = static_cast<T>(static_cast<int32_t>(v >> 8 & 255)) - m1;
-        t2[j] = static_cast<T>(static_cast<int32_t>(v >> 16 & 255)) - m2;
-        t3[j] = static_cast<T>(static_cast<int32_t>(v >> 24)) - m0;
+    std::memcpy(bytes_, image_ + std::min(r, a_.image_height - 1) * a_.image_width * 3, a_.image_width * 3);
+    for (int64_t i = a_.image_width * 3; i < a_.width * 3; ++i) bytes_[i] = bytes_[i - 3];
+    for (int64_t j = 0; j < quarter_; j += lanes<T>) {
+      bits words[3];  // of four pixels: three words
+      std::memcpy(words, bytes_ + 12 * j, sizeof(words));
+      for (int word = 0; word < 3; ++word) {
+        const bits packed = every_third(words, word, std::make_integer_sequence<int, lanes<T>>{});
+        for (int byte = 0; byte < 4; ++byte) {
+          const int i = 4 * word + byte;
+          const bits value = packed >> (8 * byte) & 255;
+          store(input(r, i % 3, i / 3) + j, __builtin_convertvector((Simd<float>::mask)value, vec<T>) - a_.mean[i % 3]);
+        }
       }
     }
+    for (int c = 0; c < 3; ++c) input(r, c, 0)[quarter_] = 0;  // the padding's column
   }
 
   /// Row r of f, from rows r - 1 to r + 1 of x.

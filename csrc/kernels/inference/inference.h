@@ -1,0 +1,73 @@
+// What lies between the convolutions of the deployed network, each in one pass over its data. Forward only.
+#pragma once
+
+#include "../common/isa.h"
+
+namespace anynet {
+
+/// Small maps, each enlarged to one size, and added: the disparity map that the stages' results make up.
+///
+///   out[y,x] = gain * sum_i bilinear(map_i, (y + 1/2) / ratio_i - 1/2, (x + 1/2) / ratio_i - 1/2)
+///
+/// Pixels are areas (PyTorch's align_corners=False); beyond the border lies the border's value.
+constexpr int max_maps = 8;
+template <class T>
+struct UpsampleSum {
+  int count;               // of maps, at most max_maps
+  const T* map[max_maps];  // [height[i], width[i]], contiguous
+  int64_t height[max_maps], width[max_maps], ratio[max_maps];
+  T gain;
+  int64_t out_height, out_width;  // not more than ratio * height, ratio * width
+  T* out;                         // [out_height, out_width]
+};
+
+/// The U-Net's way up, as far as its next convolution: skip connection and enlarged coarser features, one after the
+/// other, through a per-channel affine and ReLU. Pixels are points, the corners' kept (PyTorch's align_corners=True).
+template <class T>
+struct UpsampleConcat {
+  int64_t batch, skip_channels, coarse_channels;
+  int64_t height, width, coarse_height, coarse_width;
+  const T* skip;    // [N,S,H,W], contiguous
+  const T* coarse;  // [N,C,h,w], contiguous
+  const T* scale;   // [S+C]
+  const T* shift;   // [S+C]
+  T* out;           // [N,S+C,H,W]
+};
+
+/// out = max(0, scale[c] * maxpool2x2(in) + shift[c])
+template <class T>
+struct MaxPool {
+  int64_t batch, channels, height, width;  // of the input; an odd last row or column is left out
+  const T* in;                             // [N,C,H,W], contiguous
+  const T* scale;                          // [C]
+  const T* shift;                          // [C]
+  T* out;                                  // [N,C,H/2,W/2]
+};
+
+/// out_j = in_j / (sum_j |in_j| + 1e-8), over the three gates of a pixel and channel.
+template <class T>
+struct NormaliseGates {
+  int64_t batch, size;  // size: channels * pixels
+  const T* in;          // [N,3,size], contiguous
+  T* out;               // [N,3,size]
+};
+
+/// The image at a quarter of its size, bilinear (so: the mean of the middle 2x2 of each 4x4), and normalised:
+/// out[c] = (quarter[c] - mean[c]) / std[c]. Beyond the image its last row and column go on.
+template <class T>
+struct QuarterImage {
+  const uint8_t* image;  // RGB, [image_height, image_width, 3], contiguous
+  int64_t image_height, image_width;
+  int64_t height, width;  // of the output
+  const T* mean;          // [3], in bytes' units, as std
+  const T* std;           // [3]
+  T* out;                 // [3,height,width]
+};
+
+ANYNET_DECLARE_KERNEL(upsample_sum, UpsampleSum)
+ANYNET_DECLARE_KERNEL(upsample_concat, UpsampleConcat)
+ANYNET_DECLARE_KERNEL(max_pool, MaxPool)
+ANYNET_DECLARE_KERNEL(normalise_gates, NormaliseGates)
+ANYNET_DECLARE_KERNEL(quarter_image, QuarterImage)
+
+}  // namespace anynet

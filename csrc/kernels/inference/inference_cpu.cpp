@@ -1,0 +1,180 @@
+#include "inference.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "../common/parallel.h"
+#include "../common/scratch.h"
+#include "../common/simd.h"
+
+namespace anynet::ANYNET_ISA {
+namespace {
+
+/// A position on an axis of `size` elements: between `low` and `low + 1`, at `fraction`. An axis of one element is
+/// read as two equal ones.
+template <class T>
+struct Position {
+  int64_t low;
+  T fraction;
+
+  Position(T p, int64_t size) : low(static_cast<int64_t>(std::max(p, T(0)))) {
+    low = std::min(low, std::max<int64_t>(size - 2, 0));
+    fraction = std::min(std::max(p - static_cast<T>(low), T(0)), T(1));
+  }
+};
+
+/// Pixels as areas: element i of an axis that is `ratio` times longer.
+template <class T>
+Position<T> area_position(int64_t i, int64_t ratio, int64_t size) {
+  return {(static_cast<T>(i) + T(0.5)) / static_cast<T>(ratio) - T(0.5), size};
+}
+
+/// Pixels as points: element i of an axis of `out_size`.
+template <class T>
+Position<T> point_position(int64_t i, int64_t out_size, int64_t size) {
+  return {out_size > 1 ? static_cast<T>(i * (size - 1)) / static_cast<T>(out_size - 1) : T(0), size};
+}
+
+/// The columns that a row is enlarged to, and a row between two rows of the source.
+template <class T>
+class Enlarger {
+ public:
+  template <class F>
+  Enlarger(int64_t out_width, int64_t width, const F& position)
+      : out_width_(out_width), width_(width), low_(out_width), fraction_(out_width), line_(width + 1) {
+    for (int64_t x = 0; x < out_width; ++x) {
+      const Position<T> p = position(x);
+      low_[x] = static_cast<int32_t>(p.low);
+      fraction_[x] = p.fraction;
+    }
+  }
+
+  /// write(x, value) for each column x of the row at `y` of `map`.
+  template <class F>
+  void row(const T* map, int64_t height, const Position<T>& y, const F& write) {
+    const T* upper = map + y.low * width_;
+    const T* lower = y.low + 1 < height ? upper + width_ : upper;
+    T* __restrict line = line_;
+    for (int64_t x = 0; x < width_; ++x) line[x] = upper[x] + y.fraction * (lower[x] - upper[x]);
+    line[width_] = line[width_ - 1];
+    const int32_t* __restrict low = low_;
+    const T* __restrict fraction = fraction_;
+#pragma omp simd
+    for (int64_t x = 0; x < out_width_; ++x) {
+      const T left = line[low[x]];
+      write(x, left + fraction[x] * (line[low[x] + 1] - left));
+    }
+  }
+
+ private:
+  int64_t out_width_, width_;
+  Scratch<int32_t> low_;
+  Scratch<T> fraction_, line_;
+};
+
+}  // namespace
+
+template <class T>
+void upsample_sum(const UpsampleSum<T>& a, int threads) {
+  threads = useful_threads(a.count * a.out_height * a.out_width * 4, threads);
+  parallel_ranges(a.out_height, threads, [&](int64_t begin, int64_t end) {
+    for (int i = 0; i < a.count; ++i) {
+      Enlarger<T> enlarger(a.out_width, a.width[i],
+                           [&](int64_t x) { return area_position<T>(x, a.ratio[i], a.width[i]); });
+      const T gain = a.gain;
+      for (int64_t y = begin; y < end; ++y) {
+        T* __restrict out = a.out + y * a.out_width;
+        const Position<T> at = area_position<T>(y, a.ratio[i], a.height[i]);
+        if (i == 0) {
+          enlarger.row(a.map[i], a.height[i], at, [=](int64_t x, T value) { out[x] = gain * value; });
+        } else {
+          enlarger.row(a.map[i], a.height[i], at, [=](int64_t x, T value) { out[x] += gain * value; });
+        }
+      }
+    }
+  });
+}
+
+template <class T>
+void upsample_concat(const UpsampleConcat<T>& a, int threads) {
+  const int64_t channels = a.skip_channels + a.coarse_channels, pixels = a.height * a.width;
+  threads = useful_threads(a.batch * channels * pixels * 4, threads);
+  parallel_ranges(a.batch * channels * a.height, threads, [&](int64_t begin, int64_t end) {
+    Enlarger<T> enlarger(a.width, a.coarse_width,
+                         [&](int64_t x) { return point_position<T>(x, a.width, a.coarse_width); });
+    for (int64_t i = begin; i < end; ++i) {
+      const int64_t n = i / (channels * a.height), c = i / a.height % channels, y = i % a.height;
+      const T scale = a.scale[c], shift = a.shift[c];
+      T* __restrict out = a.out + i * a.width;
+      const auto write = [=](int64_t x, T value) { out[x] = std::max(scale * value + shift, T(0)); };
+      if (c < a.skip_channels) {
+        const T* skip = a.skip + ((n * a.skip_channels + c) * a.height + y) * a.width;
+        for (int64_t x = 0; x < a.width; ++x) write(x, skip[x]);
+      } else {
+        const int64_t plane = n * a.coarse_channels + c - a.skip_channels;
+        enlarger.row(a.coarse + plane * a.coarse_height * a.coarse_width, a.coarse_height,
+                     point_position<T>(y, a.height, a.coarse_height), write);
+      }
+    }
+  });
+}
+
+template <class T>
+void max_pool(const MaxPool<T>& a, int threads) {
+  const int64_t height = a.height / 2, width = a.width / 2;
+  threads = useful_threads(a.batch * a.channels * height * width * 4, threads);
+  parallel_for(a.batch * a.channels * height, threads, [&](int64_t i) {
+    const int64_t plane = i / height, y = i % height;
+    const T* upper = a.in + (plane * a.height + 2 * y) * a.width;
+    const T* lower = upper + a.width;
+    const T scale = a.scale[plane % a.channels], shift = a.shift[plane % a.channels];
+    T* __restrict out = a.out + i * width;
+    for (int64_t x = 0; x < width; ++x) {
+      const T largest = std::max(std::max(upper[2 * x], upper[2 * x + 1]), std::max(lower[2 * x], lower[2 * x + 1]));
+      out[x] = std::max(scale * largest + shift, T(0));
+    }
+  });
+}
+
+template <class T>
+void normalise_gates(const NormaliseGates<T>& a, int threads) {
+  threads = useful_threads(a.batch * a.size * 4, threads);
+  parallel_ranges(a.batch * a.size, threads, [&](int64_t begin, int64_t end) {
+    for (int64_t n = begin / a.size; n * a.size < end; ++n) {
+      const T* in = a.in + 3 * n * a.size;
+      T* __restrict out = a.out + 3 * n * a.size;
+      const int64_t size = a.size, last = std::min(end - n * size, size);
+      for (int64_t i = std::max(begin - n * size, int64_t{0}); i < last; ++i) {
+        const T g0 = in[i], g1 = in[size + i], g2 = in[2 * size + i];
+        const T factor = 1 / (std::abs(g0) + std::abs(g1) + std::abs(g2) + T(1e-8));
+        out[i] = g0 * factor;
+        out[size + i] = g1 * factor;
+        out[2 * size + i] = g2 * factor;
+      }
+    }
+  });
+}
+
+template <class T>
+void quarter_image(const QuarterImage<T>& a, int threads) {
+  const T factor[3] = {T(0.25) / a.std[0], T(0.25) / a.std[1], T(0.25) / a.std[2]};
+  parallel_for(a.height, useful_threads(a.height * a.width * 16, threads), [&](int64_t y) {
+    const uint8_t* upper = a.image + std::min(4 * y + 1, a.image_height - 1) * a.image_width * 3;
+    const uint8_t* lower = a.image + std::min(4 * y + 2, a.image_height - 1) * a.image_width * 3;
+    for (int64_t x = 0; x < a.width; ++x) {
+      const int64_t left = 3 * std::min(4 * x + 1, a.image_width - 1), right = 3 * std::min(4 * x + 2, a.image_width - 1);
+      for (int c = 0; c < 3; ++c) {
+        const int32_t sum = upper[left + c] + upper[right + c] + lower[left + c] + lower[right + c];
+        a.out[(c * a.height + y) * a.width + x] = (static_cast<T>(sum) - 4 * a.mean[c]) * factor[c];
+      }
+    }
+  });
+}
+
+template void upsample_sum<float>(const UpsampleSum<float>&, int);
+template void upsample_concat<float>(const UpsampleConcat<float>&, int);
+template void max_pool<float>(const MaxPool<float>&, int);
+template void normalise_gates<float>(const NormaliseGates<float>&, int);
+template void quarter_image<float>(const QuarterImage<float>&, int);
+
+}  // namespace anynet::ANYNET_ISA

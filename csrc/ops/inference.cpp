@@ -1,0 +1,107 @@
+#include "../kernels/inference/inference.h"
+
+#include <vector>
+
+#include "inference.h"
+
+namespace anynet::ops {
+
+Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>& ratios, double gain, int64_t height,
+                    int64_t width) {
+  ANYNET_CHECK(!maps.empty() && maps.size() <= max_maps && maps.size() == ratios.size(),
+               "upsample_sum: expected 1 to ", max_maps, " maps and as many ratios, got ", maps.size(), " and ",
+               ratios.size());
+  ANYNET_CHECK(height > 0 && width > 0, "upsample_sum: expected a size of at least one pixel, got ", height, " x ",
+               width);
+  UpsampleSum<float> args{};
+  args.count = static_cast<int>(maps.size());
+  for (int i = 0; i < args.count; ++i) {
+    const Tensor& map = maps[i];
+    check_contiguous("upsample_sum", "maps", map, 2);
+    ANYNET_CHECK(ratios[i] > 0 && map.size(0) * ratios[i] >= height && map.size(1) * ratios[i] >= width,
+                 "upsample_sum: expected maps that cover ", height, " x ", width, ", got ", shape(map), " times ",
+                 ratios[i]);
+    args.map[i] = data<float>(map);
+    args.height[i] = map.size(0);
+    args.width[i] = map.size(1);
+    args.ratio[i] = ratios[i];
+  }
+  Tensor out = empty_like(maps[0], {height, width});
+  args.gain = static_cast<float>(gain);
+  args.out_height = height;
+  args.out_width = width;
+  args.out = data<float>(out);
+  anynet::upsample_sum(chosen_isa(), args, num_threads());
+  return out;
+}
+
+Tensor upsample_concat(const Tensor& skip, const Tensor& coarse, const Tensor& scale, const Tensor& shift) {
+  check_contiguous("upsample_concat", "skip", skip, 4);
+  check_contiguous("upsample_concat", "coarse", coarse, 4);
+  ANYNET_CHECK(skip.size(0) == coarse.size(0) && coarse.numel() > 0,
+               "upsample_concat: expected coarse of skip's batch size, with at least one pixel, got ", shape(coarse));
+  const int64_t channels = skip.size(1) + coarse.size(1);
+  check_affine("upsample_concat", scale, shift, channels, skip);
+  Tensor out = empty_like(skip, {skip.size(0), channels, skip.size(2), skip.size(3)});
+  const UpsampleConcat<float> args{skip.size(0),       skip.size(1),       coarse.size(1),    skip.size(2),
+                                   skip.size(3),       coarse.size(2),     coarse.size(3),    data<float>(skip),
+                                   data<float>(coarse), data<float>(scale), data<float>(shift), data<float>(out)};
+  anynet::upsample_concat(chosen_isa(), args, num_threads());
+  return out;
+}
+
+Tensor max_pool(const Tensor& input, const Tensor& scale, const Tensor& shift) {
+  check_contiguous("max_pool", "input", input, 4);
+  check_affine("max_pool", scale, shift, input.size(1), input);
+  Tensor out = empty_like(input, {input.size(0), input.size(1), input.size(2) / 2, input.size(3) / 2});
+  const MaxPool<float> args{input.size(0),      input.size(1),      input.size(2),      input.size(3),
+                            data<float>(input), data<float>(scale), data<float>(shift), data<float>(out)};
+  anynet::max_pool(chosen_isa(), args, num_threads());
+  return out;
+}
+
+Tensor normalise_gates(const Tensor& gates) {
+  check_contiguous("normalise_gates", "gates", gates, 5);
+  ANYNET_CHECK(gates.size(1) == 3, "normalise_gates: expected gates of shape [N, 3, C, H, W], got ", shape(gates));
+  Tensor out = contiguous_like(gates);
+  const int64_t size = gates.size(2) * gates.size(3) * gates.size(4);
+  const NormaliseGates<float> args{size > 0 ? gates.size(0) : 0, size, data<float>(gates), data<float>(out)};
+  if (args.batch > 0) anynet::normalise_gates(chosen_isa(), args, num_threads());
+  return out;
+}
+
+Tensor quarter_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t height, int64_t width) {
+  check_image("quarter_image", image);
+  check_contiguous("quarter_image", "mean", mean, 1);
+  check_tensor("quarter_image", "mean", mean, {3}, mean);
+  check_contiguous("quarter_image", "std", std, 1);
+  check_tensor("quarter_image", "std", std, {3}, mean);
+  ANYNET_CHECK(height > 0 && width > 0, "quarter_image: expected a size of at least one pixel, got ", height, " x ",
+               width);
+  Tensor out = empty_like(mean, {1, 3, height, width});
+  const QuarterImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),    height,
+                                 width,                data<float>(mean), data<float>(std), data<float>(out)};
+  anynet::quarter_image(chosen_isa(), args, num_threads());
+  return out;
+}
+
+STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+  m.def("upsample_concat(Tensor skip, Tensor coarse, Tensor scale, Tensor shift) -> Tensor",
+        {at::Tag::pt2_compliant_tag});
+  m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def("normalise_gates(Tensor gates) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def("quarter_image(Tensor image, Tensor mean, Tensor std, SymInt height, SymInt width) -> Tensor",
+        {at::Tag::pt2_compliant_tag});
+  m.def("upsample_sum(Tensor[] maps, int[] ratios, float gain, SymInt height, SymInt width) -> Tensor",
+        {at::Tag::pt2_compliant_tag});
+}
+
+STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+  m.impl("upsample_sum", TORCH_BOX(&upsample_sum));
+  m.impl("upsample_concat", TORCH_BOX(&upsample_concat));
+  m.impl("max_pool", TORCH_BOX(&max_pool));
+  m.impl("normalise_gates", TORCH_BOX(&normalise_gates));
+  m.impl("quarter_image", TORCH_BOX(&quarter_image));
+}
+
+}  // namespace anynet::ops
