@@ -55,8 +55,8 @@ def upsample_sum(
 ) -> Tensor:
     """Small maps enlarged to one size, and added: `gain * sum_i bilinear(maps[i])`.
 
-    Interpolation is PyTorch's with align_corners=False, map i being enlarged `ratios[i]` times in both directions; of
-    the result, the top left `height` x `width`.
+    Interpolation is PyTorch's with align_corners=False, map i being enlarged `ratios[i]` times (a power of two)
+    in both directions; of the result, the top left `height` x `width`.
 
     Args:
         maps: 1 to 8, each [H_i, W_i] float32, contiguous, with ratios[i] * H_i >= height, and likewise across.
@@ -71,7 +71,55 @@ def upsample_sum(
     return out
 
 
-@torch.library.register_fake("anynet::stem")
+def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    """`relu(scale * cat([skip, enlarged coarse]) + shift)`: a U-Net's way up, as far as its next convolution.
+
+    Enlarging is bilinear with align_corners=True.
+
+    Args:
+        skip: [N, S, H, W] float32, contiguous, as are all.
+        coarse: [N, C, h, w].
+        scale, shift: [S + C].
+
+    Returns:
+        [N, S + C, H, W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype or shape.
+    """
+    out: Tensor = torch.ops.anynet.upsample_concat(skip, coarse, scale, shift)
+    return out
+
+
+def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    """`relu(scale * max_pool2x2(input) + shift)`: [N, C, H, W], [C], [C] -> [N, C, H // 2, W // 2], float32."""
+    out: Tensor = torch.ops.anynet.max_pool(input, scale, shift)
+    return out
+
+
+def normalise_gates(gates: Tensor) -> Tensor:
+    """Gates over the sum of the absolute values of each pixel's three, plus 1e-8: [N, 3, C, H, W], float32."""
+    out: Tensor = torch.ops.anynet.normalise_gates(gates)
+    return out
+
+
+def quarter_image(image: Tensor, mean: Tensor, std: Tensor, height: int, width: int) -> Tensor:
+    """An image in bytes at a quarter of its size, bilinear (align_corners=False), less `mean`, over `std`.
+
+    Args:
+        image: [H, W, 3] uint8, contiguous; it is extended by its last row and column if 4 * height or 4 * width is more.
+        mean, std: [3] float32, in the image's units.
+
+    Returns:
+        [1, 3, height, width] float32.
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype or shape.
+    """
+    out: Tensor = torch.ops.anynet.quarter_image(image, mean, std, height, width)
+    return out
+
+
 def _fake_stem(
     left: Tensor,
     right: Tensor,
@@ -87,14 +135,40 @@ def _fake_stem(
     return mean.new_empty(2, bias_first.shape[0], height // 4, width // 4)
 
 
-@torch.library.register_fake("anynet::upsample_sum")
 def _fake_upsample_sum(maps: list[Tensor], ratios: list[int], gain: float, height: int, width: int) -> Tensor:
     return maps[0].new_empty(height, width)
 
 
+def _fake_upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    n, _, h, w = skip.shape
+    return skip.new_empty(n, skip.shape[1] + coarse.shape[1], h, w)
+
+
+def _fake_max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    n, c, h, w = input.shape
+    return input.new_empty(n, c, h // 2, w // 2)
+
+
+def _fake_normalise_gates(gates: Tensor) -> Tensor:
+    return torch.empty_like(gates, memory_format=torch.contiguous_format)
+
+
+def _fake_quarter_image(image: Tensor, mean: Tensor, std: Tensor, height: int, width: int) -> Tensor:
+    return mean.new_empty(1, 3, height, width)
+
+
 def _no_gradient(*_: object) -> None:
-    raise RuntimeError("stem and upsample_sum have no gradients: they are for inference")
+    raise RuntimeError("the operators of the inference graph have no gradients")
 
 
-for _name in ("stem", "upsample_sum"):
-    torch.library.register_autograd(f"anynet::{_name}", _no_gradient)
+for _fake in (
+    _fake_stem,
+    _fake_upsample_sum,
+    _fake_upsample_concat,
+    _fake_max_pool,
+    _fake_normalise_gates,
+    _fake_quarter_image,
+):
+    _name = "anynet::" + _fake.__name__.removeprefix("_fake_")
+    torch.library.register_fake(_name, _fake)
+    torch.library.register_autograd(_name, _no_gradient)

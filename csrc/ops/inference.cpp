@@ -18,7 +18,9 @@ Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>&
   for (int i = 0; i < args.count; ++i) {
     const Tensor& map = maps[i];
     check_contiguous("upsample_sum", "maps", map, 2);
-    ANYNET_CHECK(ratios[i] > 0 && map.size(0) * ratios[i] >= height && map.size(1) * ratios[i] >= width,
+    ANYNET_CHECK(ratios[i] > 0 && (ratios[i] & (ratios[i] - 1)) == 0,
+                 "upsample_sum: expected ratios that are a power of two, got ", ratios[i]);
+    ANYNET_CHECK(map.size(0) * ratios[i] >= height && map.size(1) * ratios[i] >= width,
                  "upsample_sum: expected maps that cover ", height, " x ", width, ", got ", shape(map), " times ",
                  ratios[i]);
     args.map[i] = data<float>(map);

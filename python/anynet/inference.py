@@ -103,7 +103,9 @@ class InferenceGraph:
             *_affine(features.down[0][0].norm),  # type: ignore[index]
             self.config.stride,
         )
-        self._down, self._up = ([_chain(chain, activated=True) for chain in part] for part in (features.down, features.up))
+        self._down, self._up = (
+            [_chain(chain, activated=True) for chain in part] for part in (features.down, features.up)
+        )
         self._down_affine, self._up_affine = (
             [_affine(chain[0].norm) for chain in part]  # type: ignore[index]
             for part in (features.down, features.up)

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "../common/parallel.h"
 #include "../common/scratch.h"
@@ -29,6 +30,52 @@ Position<T> area_position(int64_t i, int64_t ratio, int64_t size) {
   return {(static_cast<T>(i) + T(0.5)) / static_cast<T>(ratio) - T(0.5), size};
 }
 
+/// The line between two rows of a map, and one more element, or a vector more: the last one again.
+template <class T>
+void blend_rows(const T* map, int64_t width, int64_t height, const Position<T>& y, int64_t more, T* __restrict line) {
+  const T* upper = map + y.low * width;
+  const T* lower = y.low + 1 < height ? upper + width : upper;
+  for (int64_t x = 0; x < width; ++x) line[x] = upper[x] + y.fraction * (lower[x] - upper[x]);
+  for (int64_t x = width; x < width + more; ++x) line[x] = line[width - 1];
+}
+
+/// sum[x] += the line, enlarged `ratio` times, at x - ratio / 2, pixels being areas: then output pixels 0 to ratio - 1
+/// lie between elements 0 and 1, at (k + 1/2) / ratio, and so on. `ratio` is `Ratio`, or a vector's lanes or more.
+template <int Ratio, class T, int... I>
+void add_enlarged(const T* line, int64_t ratio, int64_t count, T* __restrict sum, std::integer_sequence<int, I...>) {
+  const T each = T(1) / static_cast<T>(ratio);
+  const vec<T> fraction = {(static_cast<T>(I % Ratio) + T(0.5)) * each...};
+  for (int64_t x = 0; x < count; x += lanes<T>) {
+    const T* from = line + x / ratio;
+    vec<T> left, right, at = fraction;
+    if constexpr (Ratio < lanes<T>) {
+      const vec<T> both = load(from), next = load(from + 1);
+      left = __builtin_shufflevector(both, both, (I / Ratio)...);
+      right = __builtin_shufflevector(next, next, (I / Ratio)...);
+    } else {
+      left = splat(from[0]), right = splat(from[1]);
+      at += static_cast<T>(x % ratio) * each;
+    }
+    store(sum + x, load(sum + x) + left + at * (right - left));
+  }
+}
+
+template <class T>
+void add_enlarged(const T* line, int64_t ratio, int64_t count, T* sum) {
+  const auto all = std::make_integer_sequence<int, lanes<T>>{};
+  if (ratio == 1) {
+    for (int64_t x = 0; x < count; ++x) sum[x] += line[x];
+  } else if (ratio >= lanes<T>) {
+    add_enlarged<lanes<T>>(line, ratio, count, sum, all);
+  } else if (ratio == 2) {
+    add_enlarged<2>(line, ratio, count, sum, all);
+  } else if (ratio == 4) {
+    add_enlarged<4>(line, ratio, count, sum, all);
+  } else {
+    add_enlarged<8>(line, ratio, count, sum, all);
+  }
+}
+
 /// Pixels as points: element i of an axis of `out_size`.
 template <class T>
 Position<T> point_position(int64_t i, int64_t out_size, int64_t size) {
@@ -52,11 +99,8 @@ class Enlarger {
   /// write(x, value) for each column x of the row at `y` of `map`.
   template <class F>
   void row(const T* map, int64_t height, const Position<T>& y, const F& write) {
-    const T* upper = map + y.low * width_;
-    const T* lower = y.low + 1 < height ? upper + width_ : upper;
-    T* __restrict line = line_;
-    for (int64_t x = 0; x < width_; ++x) line[x] = upper[x] + y.fraction * (lower[x] - upper[x]);
-    line[width_] = line[width_ - 1];
+    blend_rows<T>(map, width_, height, y, 1, line_);
+    const T* __restrict line = line_;
     const int32_t* __restrict low = low_;
     const T* __restrict fraction = fraction_;
 #pragma omp simd
@@ -78,19 +122,20 @@ template <class T>
 void upsample_sum(const UpsampleSum<T>& a, int threads) {
   threads = useful_threads(a.count * a.out_height * a.out_width * 4, threads);
   parallel_ranges(a.out_height, threads, [&](int64_t begin, int64_t end) {
-    for (int i = 0; i < a.count; ++i) {
-      Enlarger<T> enlarger(a.out_width, a.width[i],
-                           [&](int64_t x) { return area_position<T>(x, a.ratio[i], a.width[i]); });
-      const T gain = a.gain;
-      for (int64_t y = begin; y < end; ++y) {
-        T* __restrict out = a.out + y * a.out_width;
-        const Position<T> at = area_position<T>(y, a.ratio[i], a.height[i]);
-        if (i == 0) {
-          enlarger.row(a.map[i], a.height[i], at, [=](int64_t x, T value) { out[x] = gain * value; });
-        } else {
-          enlarger.row(a.map[i], a.height[i], at, [=](int64_t x, T value) { out[x] += gain * value; });
-        }
+    const int64_t widest = *std::max_element(a.width, a.width + a.count);
+    const int64_t margin = *std::max_element(a.ratio, a.ratio + a.count) / 2;
+    Scratch<T> line(widest + 2 * lanes<T>), sum(margin + a.out_width + lanes<T>);
+    for (int64_t y = begin; y < end; ++y) {
+      fill_zero<T>(sum, margin + a.out_width + lanes<T>);
+      for (int i = 0; i < a.count; ++i) {
+        const int64_t half = a.ratio[i] / 2;
+        blend_rows<T>(a.map[i], a.width[i], a.height[i], area_position<T>(y, a.ratio[i], a.height[i]), 2 * lanes<T>, line);
+        for (int64_t x = 0; x < std::min(half, a.out_width); ++x) sum[x] += line[0];
+        add_enlarged<T>(line, a.ratio[i], a.out_width - half, sum + half);
       }
+      T* __restrict out = a.out + y * a.out_width;
+      const T* __restrict from = sum;
+      for (int64_t x = 0; x < a.out_width; ++x) out[x] = a.gain * from[x];
     }
   });
 }

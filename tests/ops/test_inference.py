@@ -1,0 +1,145 @@
+"""The operators of the inference graph, against plain PyTorch."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torch.testing import assert_close
+
+from anynet_ext import _inference as inference
+
+
+def random(*shape: int) -> Tensor:
+    return torch.randn(shape, generator=torch.Generator().manual_seed(sum(shape)))
+
+
+def image(height: int, width: int, seed: int = 0) -> Tensor:
+    generator = torch.Generator().manual_seed(height * width + seed)
+    return torch.randint(0, 256, (height, width, 3), dtype=torch.uint8, generator=generator)
+
+
+def affine_relu(x: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    return F.relu(scale[:, None, None] * x + shift[:, None, None])
+
+
+@pytest.fixture(params=[1, 2, 5], autouse=True)
+def threads(request: pytest.FixtureRequest) -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(request.param)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize("multiple", [4, 16])
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (4, 4), (5, 7), (32, 64), (37, 130), (64, 273)])
+def test_stem(height: int, width: int, channels: int, multiple: int) -> None:
+    left, right = image(height, width), image(height, width, seed=1)
+    mean, first, bias = 100 + random(3), random(channels, 3, 3, 3) / 100, random(channels)
+    second, scale, shift = random(channels, channels, 3, 3), random(channels), random(channels)
+    out = inference.stem(left, right, mean, first, bias, second, scale, shift, multiple=multiple)
+    x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
+    x = F.pad(x, (0, -width % multiple, 0, -height % multiple), mode="replicate")
+    x = F.max_pool2d(F.conv2d(F.relu(F.conv2d(x, first, bias, padding=1)), second, padding=1, stride=2), 2)
+    assert_close(out, affine_relu(x, scale, shift), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("crop", [0, 3])
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (1, 2), (3, 1), (2, 5), (5, 37)])
+def test_upsample_sum(height: int, width: int, crop: int) -> None:
+    ratios = [16, 8, 4, 2, 1]
+    maps = [random(height * 16 // ratio, width * 16 // ratio) for ratio in ratios]
+    size = (16 * height, 16 * width)
+    expected = sum(F.interpolate(m[None, None], size, mode="bilinear")[0, 0] for m in maps) / 8
+    out = inference.upsample_sum(maps, ratios, size[0] - crop, size[1] - crop, gain=1 / 8)
+    assert_close(out, expected[: size[0] - crop, : size[1] - crop], rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 2), (7, 19), (10, 64)])
+@pytest.mark.parametrize("coarse_size", [(1, 1), (1, 3), (4, 10), (5, 32)])
+def test_upsample_concat(size: tuple[int, int], coarse_size: tuple[int, int]) -> None:
+    skip, coarse, scale, shift = random(2, 3, *size), random(2, 4, *coarse_size), random(7), random(7)
+    larger = F.interpolate(coarse, size, mode="bilinear", align_corners=True)
+    expected = affine_relu(torch.cat([skip, larger], 1), scale, shift)
+    assert_close(inference.upsample_concat(skip, coarse, scale, shift), expected, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("size", [(2, 2), (5, 3), (12, 70)])
+def test_max_pool(size: tuple[int, int]) -> None:
+    x, scale, shift = random(2, 3, *size), random(3), random(3)
+    assert_close(inference.max_pool(x, scale, shift), affine_relu(F.max_pool2d(x, 2), scale, shift))
+
+
+@pytest.mark.parametrize("shape", [(1, 3, 1, 1, 1), (3, 3, 2, 5, 17), (1, 3, 8, 30, 40), (0, 3, 2, 2, 2)])
+def test_normalise_gates(shape: tuple[int, ...]) -> None:
+    gates = random(*shape)
+    gates[..., 0] = 0
+    assert_close(inference.normalise_gates(gates), gates / (gates.abs().sum(1, keepdim=True) + 1e-8))
+
+
+@pytest.mark.parametrize(("height", "width"), [(4, 4), (16, 20), (1, 1), (37, 61)])
+def test_quarter_image(height: int, width: int) -> None:
+    left, mean, std = image(height, width), random(3), random(3).abs() + 1
+    x = F.pad(left.permute(2, 0, 1)[None].float(), (0, -width % 4, 0, -height % 4), mode="replicate")
+    x = F.interpolate(x, scale_factor=0.25, mode="bilinear")
+    out = inference.quarter_image(left, mean, std, *x.shape[2:])
+    assert_close(out, (x - mean[:, None, None]) / std[:, None, None], rtol=1e-4, atol=1e-4)
+
+
+def test_operators_are_good_citizens() -> None:
+    ops = torch.ops.anynet
+    for op, args in (
+        (
+            ops.stem,
+            (
+                image(8, 8),
+                image(8, 8),
+                random(3),
+                random(2, 3, 3, 3),
+                random(2),
+                random(2, 2, 3, 3),
+                random(2),
+                random(2),
+                16,
+            ),
+        ),
+        (ops.upsample_sum, ([random(2, 3), random(4, 6)], [4, 2], 0.5, 8, 11)),
+        (ops.upsample_concat, (random(1, 2, 4, 4), random(1, 1, 2, 2), random(3), random(3))),
+        (ops.max_pool, (random(1, 2, 4, 4), random(2), random(2))),
+        (ops.normalise_gates, (random(1, 3, 2, 4, 4),)),
+        (ops.quarter_image, (image(8, 8), random(3), random(3), 2, 2)),
+    ):
+        torch.library.opcheck(op.default, args)
+
+
+def test_no_gradients() -> None:
+    with pytest.raises(RuntimeError, match="no gradients"):
+        inference.normalise_gates(random(1, 3, 1, 2, 2).requires_grad_()).sum().backward()
+
+
+def test_errors() -> None:
+    weights = random(3), random(2, 3, 3, 3), random(2), random(2, 2, 3, 3), random(2), random(2)
+    with pytest.raises(RuntimeError, match=r"images of one size, got \[8, 8, 3\] and \[8, 9, 3\]"):
+        inference.stem(image(8, 8), image(8, 9), *weights)
+    with pytest.raises(RuntimeError, match=r"contiguous uint8 image of shape \[H, W, 3\], got \[8, 8\]"):
+        inference.stem(image(8, 8)[..., 0], image(8, 8), *weights)
+    with pytest.raises(RuntimeError, match="multiple of 4, got 6"):
+        inference.stem(image(8, 8), image(8, 8), *weights, multiple=6)
+    with pytest.raises(RuntimeError, match=r"weight_second of shape \[2, 2, 3, 3\], got \[1, 1, 3, 3\]"):
+        inference.stem(image(8, 8), image(8, 8), *weights[:3], random(1, 1, 3, 3), *weights[4:])
+    with pytest.raises(RuntimeError, match=r"maps that cover 9 x 8, got \[2, 2\] times 4"):
+        inference.upsample_sum([random(2, 2)], [4], 9, 8)
+    with pytest.raises(RuntimeError, match="power of two, got 3"):
+        inference.upsample_sum([random(2, 2)], [3], 6, 6)
+    with pytest.raises(RuntimeError, match="1 to 8 maps"):
+        inference.upsample_sum([], [], 9, 8)
+    with pytest.raises(RuntimeError, match=r"scale of shape \[3\], got \[2\]"):
+        inference.upsample_concat(random(1, 2, 4, 4), random(1, 1, 2, 2), random(2), random(2))
+    with pytest.raises(RuntimeError, match="input as contiguous float32 tensor of 4 dimensions"):
+        inference.max_pool(random(2, 4, 4), random(2), random(2))
+    with pytest.raises(RuntimeError, match=r"shape \[N, 3, C, H, W\], got \[1, 2, 1, 2, 2\]"):
+        inference.normalise_gates(random(1, 2, 1, 2, 2))
+    with pytest.raises(RuntimeError, match="at least one pixel"):
+        inference.quarter_image(image(8, 8), random(3), random(3), 0, 2)
