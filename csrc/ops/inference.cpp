@@ -8,9 +8,8 @@ namespace anynet::ops {
 
 Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>& ratios, double gain, int64_t height,
                     int64_t width) {
-  ANYNET_CHECK(!maps.empty() && maps.size() <= max_maps && maps.size() == ratios.size(),
-               "upsample_sum: expected 1 to ", max_maps, " maps and as many ratios, got ", maps.size(), " and ",
-               ratios.size());
+  ANYNET_CHECK(!maps.empty() && maps.size() <= max_maps && maps.size() == ratios.size(), "upsample_sum: expected 1 to ",
+               max_maps, " maps and as many ratios, got ", maps.size(), " and ", ratios.size());
   ANYNET_CHECK(height > 0 && width > 0, "upsample_sum: expected a size of at least one pixel, got ", height, " x ",
                width);
   UpsampleSum<float> args{};
@@ -45,8 +44,8 @@ Tensor upsample_concat(const Tensor& skip, const Tensor& coarse, const Tensor& s
   const int64_t channels = skip.size(1) + coarse.size(1);
   check_affine("upsample_concat", scale, shift, channels, skip);
   Tensor out = empty_like(skip, {skip.size(0), channels, skip.size(2), skip.size(3)});
-  const UpsampleConcat<float> args{skip.size(0),       skip.size(1),       coarse.size(1),    skip.size(2),
-                                   skip.size(3),       coarse.size(2),     coarse.size(3),    data<float>(skip),
+  const UpsampleConcat<float> args{skip.size(0),        skip.size(1),       coarse.size(1),     skip.size(2),
+                                   skip.size(3),        coarse.size(2),     coarse.size(3),     data<float>(skip),
                                    data<float>(coarse), data<float>(scale), data<float>(shift), data<float>(out)};
   anynet::upsample_concat(chosen_isa(), args, num_threads());
   return out;
@@ -81,8 +80,8 @@ Tensor quarter_image(const Tensor& image, const Tensor& mean, const Tensor& std,
   ANYNET_CHECK(height > 0 && width > 0, "quarter_image: expected a size of at least one pixel, got ", height, " x ",
                width);
   Tensor out = empty_like(mean, {1, 3, height, width});
-  const QuarterImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),    height,
-                                 width,                data<float>(mean), data<float>(std), data<float>(out)};
+  const QuarterImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   height, width,
+                                 data<float>(mean),    data<float>(std), data<float>(out)};
   anynet::quarter_image(chosen_isa(), args, num_threads());
   return out;
 }

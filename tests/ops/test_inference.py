@@ -133,8 +133,8 @@ def test_errors() -> None:
         inference.upsample_sum([random(2, 2)], [4], 9, 8)
     with pytest.raises(RuntimeError, match="power of two, got 3"):
         inference.upsample_sum([random(2, 2)], [3], 6, 6)
-    with pytest.raises(RuntimeError, match="1 to 8 maps"):
-        inference.upsample_sum([], [], 9, 8)
+    with pytest.raises(RuntimeError, match="1 to 8 maps and as many ratios, got 9 and 9"):
+        inference.upsample_sum([random(2, 2)] * 9, [4] * 9, 8, 8)
     with pytest.raises(RuntimeError, match=r"scale of shape \[3\], got \[2\]"):
         inference.upsample_concat(random(1, 2, 4, 4), random(1, 1, 2, 2), random(2), random(2))
     with pytest.raises(RuntimeError, match="input as contiguous float32 tensor of 4 dimensions"):

@@ -13,8 +13,8 @@ namespace anynet {
 constexpr int max_maps = 8;
 template <class T>
 struct UpsampleSum {
-  int count;               // of maps, at most max_maps
-  const T* map[max_maps];  // [height[i], width[i]], contiguous
+  int count;                                                   // of maps, at most max_maps
+  const T* map[max_maps];                                      // [height[i], width[i]], contiguous
   int64_t height[max_maps], width[max_maps], ratio[max_maps];  // ratios are powers of two
   T gain;
   int64_t out_height, out_width;  // not more than ratio * height, ratio * width

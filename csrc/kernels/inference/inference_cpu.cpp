@@ -1,5 +1,3 @@
-#include "inference.h"
-
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -7,6 +5,7 @@
 #include "../common/parallel.h"
 #include "../common/scratch.h"
 #include "../common/simd.h"
+#include "inference.h"
 
 namespace anynet::ANYNET_ISA {
 namespace {
@@ -129,7 +128,8 @@ void upsample_sum(const UpsampleSum<T>& a, int threads) {
       fill_zero<T>(sum, margin + a.out_width + lanes<T>);
       for (int i = 0; i < a.count; ++i) {
         const int64_t half = a.ratio[i] / 2;
-        blend_rows<T>(a.map[i], a.width[i], a.height[i], area_position<T>(y, a.ratio[i], a.height[i]), 2 * lanes<T>, line);
+        blend_rows<T>(a.map[i], a.width[i], a.height[i], area_position<T>(y, a.ratio[i], a.height[i]), 2 * lanes<T>,
+                      line);
         for (int64_t x = 0; x < std::min(half, a.out_width); ++x) sum[x] += line[0];
         add_enlarged<T>(line, a.ratio[i], a.out_width - half, sum + half);
       }
@@ -207,7 +207,8 @@ void quarter_image(const QuarterImage<T>& a, int threads) {
     const uint8_t* upper = a.image + std::min(4 * y + 1, a.image_height - 1) * a.image_width * 3;
     const uint8_t* lower = a.image + std::min(4 * y + 2, a.image_height - 1) * a.image_width * 3;
     for (int64_t x = 0; x < a.width; ++x) {
-      const int64_t left = 3 * std::min(4 * x + 1, a.image_width - 1), right = 3 * std::min(4 * x + 2, a.image_width - 1);
+      const int64_t left = 3 * std::min(4 * x + 1, a.image_width - 1),
+                    right = 3 * std::min(4 * x + 2, a.image_width - 1);
       for (int c = 0; c < 3; ++c) {
         const int32_t sum = upper[left + c] + upper[right + c] + lower[left + c] + lower[right + c];
         a.out[(c * a.height + y) * a.width + x] = (static_cast<T>(sum) - 4 * a.mean[c]) * factor[c];

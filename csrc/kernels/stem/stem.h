@@ -1,9 +1,8 @@
 // The first layers of the network on images in bytes, in one pass (AnyNet paper, Table I), for inference.
 //
-//   x = image - mean                                     [3,H,W], rows and columns beyond the image repeat its last ones
-//   f = max(0, conv(x, weight_first) + bias_first)       3x3, padding 1 (zeros)
-//   h = conv(f, weight_second)                           3x3, padding 1 (zeros), stride 2
-//   out = max(0, scale * maxpool2x2(h) + shift)          [C,H/4,W/4]
+//   x = image - mean                                     [3,H,W], rows and columns beyond the image repeat its last
+//   ones f = max(0, conv(x, weight_first) + bias_first)       3x3, padding 1 (zeros) h = conv(f, weight_second) 3x3,
+//   padding 1 (zeros), stride 2 out = max(0, scale * maxpool2x2(h) + shift)          [C,H/4,W/4]
 //
 // H and W are multiples of 4. Nothing of full or half resolution goes through memory: a thread keeps the five rows of f
 // that two rows of h need. Columns lie apart by their remainder modulo 4, so that strides and pooling become arithmetic
@@ -18,11 +17,11 @@ template <class T>
 struct Stem {
   const uint8_t* image[2];  // left and right: RGB, [image_height, image_width, 3], contiguous
   int64_t image_height, image_width;
-  int64_t height, width;  // multiples of 4, not less than the image's
-  int64_t channels;       // C
-  const T* mean;          // [3], in bytes' units
-  const T* weight_first;  // [C,3,3,3]
-  const T* bias_first;    // [C]
+  int64_t height, width;   // multiples of 4, not less than the image's
+  int64_t channels;        // C
+  const T* mean;           // [3], in bytes' units
+  const T* weight_first;   // [C,3,3,3]
+  const T* bias_first;     // [C]
   const T* weight_second;  // [C,C,3,3]
   const T* scale;          // [C]
   const T* shift;          // [C]

@@ -1,5 +1,3 @@
-#include "stem.h"
-
 #include <algorithm>
 #include <cstring>
 #include <utility>
@@ -7,6 +5,7 @@
 #include "../common/parallel.h"
 #include "../common/scratch.h"
 #include "../common/simd.h"
+#include "stem.h"
 
 namespace anynet::ANYNET_ISA {
 namespace {
@@ -115,7 +114,7 @@ class Strip {
         for (auto& s : sum) s = splat(a_.bias_first[o]);
         for (int i = 0; i < 9; ++i) {
           const T* p = in[i] + j;
-          const vec<T> x[6] = {load(p + 3 * pitch_ - 1), load(p), load(p + pitch_), load(p + 2 * pitch_),
+          const vec<T> x[6] = {load(p + 3 * pitch_ - 1), load(p),    load(p + pitch_), load(p + 2 * pitch_),
                                load(p + 3 * pitch_),     load(p + 1)};
           for (int k = 0; k < 3; ++k) {
             const vec<T> w = splat(weight[3 * i + k]);
