@@ -107,7 +107,7 @@ def quarter_image(image: Tensor, mean: Tensor, std: Tensor, height: int, width: 
     """An image in bytes at a quarter of its size, bilinear (align_corners=False), less `mean`, over `std`.
 
     Args:
-        image: [H, W, 3] uint8, contiguous; it is extended by its last row and column if 4 * height or 4 * width is more.
+        image: [H, W, 3] uint8, contiguous; extended by its last row and column if 4 * height or 4 * width is more.
         mean, std: [3] float32, in the image's units.
 
     Returns:

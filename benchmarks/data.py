@@ -1,6 +1,6 @@
 """Time of the renderer per scene kind, and of reading and augmenting a stored pair; one thread, milliseconds.
 
-    python benchmarks/data.py
+python benchmarks/data.py
 """
 
 from __future__ import annotations

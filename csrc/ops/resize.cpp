@@ -10,10 +10,9 @@ Tensor resize(const Tensor& input, int64_t height, int64_t width, double scale, 
   Tensor out = empty_like(input, {input.size(0), input.size(1), height, width});
   dispatch(input.scalar_type(), "resize", [&](auto t) {
     using T = decltype(t);
-    const Resize<T> args{view<T>(input), add.has_value() ? view<T>(*add) : View4<const T>{},
-                         height,         width,
-                         scale,          align_corners,
-                         data<T>(out)};
+    const Resize<T> args{
+        view<T>(input), add.has_value() ? view<T>(*add) : View4<const T>{}, height, width, scale, align_corners,
+        data<T>(out)};
     anynet::resize(chosen_isa(), args, num_threads());
   });
   return out;
@@ -31,9 +30,8 @@ Tensor resize_backward(const Tensor& grad, int64_t height, int64_t width, double
 }
 
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
-  m.def(
-      "resize(Tensor input, SymInt height, SymInt width, float scale, Tensor? add, bool align_corners) -> Tensor",
-      {at::Tag::pt2_compliant_tag});
+  m.def("resize(Tensor input, SymInt height, SymInt width, float scale, Tensor? add, bool align_corners) -> Tensor",
+        {at::Tag::pt2_compliant_tag});
   m.def("resize_backward(Tensor grad, SymInt height, SymInt width, float scale, bool align_corners) -> Tensor",
         {at::Tag::pt2_compliant_tag});
 }

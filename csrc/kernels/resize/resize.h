@@ -18,21 +18,21 @@ namespace anynet {
 
 template <class T>
 struct Resize {
-  View4<const T> input;    // [N,C,h,w], any strides, h and w >= 1
-  View4<const T> add;      // [N,C,H,W], any strides; data == nullptr means 0 everywhere
-  int64_t height, width;   // H, W
+  View4<const T> input;   // [N,C,h,w], any strides, h and w >= 1
+  View4<const T> add;     // [N,C,H,W], any strides; data == nullptr means 0 everywhere
+  int64_t height, width;  // H, W
   double scale;
   bool align_corners;
-  T* out;                  // [N,C,H,W], contiguous
+  T* out;  // [N,C,H,W], contiguous
 };
 
 template <class T>
 struct ResizeBackward {
-  View4<const T> grad;     // [N,C,H,W], any strides
-  int64_t height, width;   // h, w of the input
+  View4<const T> grad;    // [N,C,H,W], any strides
+  int64_t height, width;  // h, w of the input
   double scale;
   bool align_corners;
-  T* grad_input;           // [N,C,h,w], contiguous
+  T* grad_input;  // [N,C,h,w], contiguous
 };
 
 ANYNET_DECLARE_KERNEL(resize, Resize)

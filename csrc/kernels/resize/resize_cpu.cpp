@@ -1,8 +1,7 @@
-#include "resize.h"
-
 #include "../common/parallel.h"
 #include "../common/scratch.h"
 #include "../common/simd.h"
+#include "resize.h"
 
 namespace anynet::ANYNET_ISA {
 
@@ -52,9 +51,8 @@ void resize(const Resize<T>& a, int threads) {
       const int32_t *left = tx.low, *right = tx.high;
       const A* fx = tx.weight;
       if (a.add.data != nullptr) {
-        const A* add = read_row(
-            a.add.data + n * a.add.stride[0] + c * a.add.stride[1] + y * a.add.stride[2], a.add.stride[3], W,
-            add_row);
+        const A* add = read_row(a.add.data + n * a.add.stride[0] + c * a.add.stride[1] + y * a.add.stride[2],
+                                a.add.stride[3], W, add_row);
         for (int64_t x = 0; x < W; ++x) out[x] = add[x] + (1 - fx[x]) * between[left[x]] + fx[x] * between[right[x]];
       } else {
         for (int64_t x = 0; x < W; ++x) out[x] = (1 - fx[x]) * between[left[x]] + fx[x] * between[right[x]];
