@@ -2,6 +2,7 @@
 #include "../common/sampling.h"
 #include "../common/scratch.h"
 #include "../common/simd.h"
+#include "../common/transpose.h"
 #include "cost_volume.h"
 
 namespace anynet::ANYNET_ISA {
@@ -86,12 +87,12 @@ template <class T>
 void cost_volume(const CostVolume<T>& a, int threads) {
   using A = accumulator_t<T>;
   const int64_t N = a.left.size[0], C = a.left.size[1], H = a.left.size[2], W = a.left.size[3], K = a.count;
-  const bool between = a.disparity.data != nullptr;
+  const bool around = a.disparity.data != nullptr;
   if (W == 0) return;
   // Beyond these every offset leads outside.
   const int64_t first = clamp(a.first, -W - K, W);
-  const int64_t before = between ? K + 2 : clamp(first + K - 1, 0, W + K);
-  const int64_t after = (between ? K : clamp(-first, 0, W + K)) + 3 * lanes<A>;
+  const int64_t before = around ? K + 2 : clamp(first + K - 1, 0, W + K);
+  const int64_t after = (around ? K : clamp(-first, 0, W + K)) + 3 * lanes<A>;
   parallel_ranges(N * H, useful_threads(N * C * H * W * K * 3, threads), [&](int64_t begin, int64_t end) {
     Rows<A> left(C, 0, W, lanes<A>), right(C, before, W, after);
     Positions<A> at(W);
@@ -100,12 +101,12 @@ void cost_volume(const CostVolume<T>& a, int threads) {
       const int64_t n = task / H, y = task % H;
       left.read(a.left, n, y);
       right.read(a.right, n, y);
-      if (between) {
+      if (around) {
         at.read(a.disparity.data + n * a.disparity.stride[0] + y * a.disparity.stride[2], a.disparity.stride[3],
                 a.first, -2, static_cast<int32_t>(W + K - 1));
       }
       for (int64_t x = 0; x < W; x += lanes<A>) {
-        if (between) {
+        if (around) {
           gather_at(at, x, [&](const auto& gather) {
             sum_all_differences<true, A>(left, right, C, x, 0, K, gather, load(at.fraction + x), sums);
           });
@@ -131,70 +132,149 @@ ANYNET_INLINE vec<A> signed_by(vec<A> g, vec<A> left, vec<A> right) {
   return left > right ? g : left < right ? -g : vec<A>{};
 }
 
+/// The gradients of one row at whole offsets: for both sides, the pixels that meet lie at the same distance everywhere.
+template <class A>
+void backward_at_offsets(const Rows<A>& grad, const Rows<A>& left, const Rows<A>& right, int64_t C, int64_t W,
+                         int64_t first, int64_t K, Rows<A>& grad_left, Rows<A>& grad_right) {
+  for (int64_t c = 0; c < C; ++c) {
+    for (int64_t x = 0; x < W; x += lanes<A>) {
+      const vec<A> l = load(left[c] + x), r = load(right[c] + x);
+      vec<A> to_left{}, to_right{};
+      for (int64_t k = first; k < first + K; ++k) {
+        const A* g = grad[k - first] + x;
+        to_left += signed_by<A>(load(g), l, load(right[c] + x - k));
+        to_right += signed_by<A>(load(g + k), r, load(left[c] + x + k));
+      }
+      store(grad_left[c] + x, to_left);
+      store(grad_right[c] + x, to_right);
+    }
+  }
+}
+
+/// Rows with the channels of a pixel side by side, in whole vectors: what one pixel scatters goes to whole vectors too.
+template <class A>
+class Pixels {
+ public:
+  Pixels(int64_t channels, int64_t before, int64_t width, int64_t after)
+      : pitch_(round_up(channels, lanes<A>)),
+        before_(before),
+        count_(before + round_up(width, lanes<A>) + after),
+        data_(count_ * pitch_) {
+    clear();
+  }
+
+  A* operator[](int64_t x) const { return data_ + (before_ + x) * pitch_; }
+  void clear() { fill_zero<A>(data_, count_ * pitch_); }
+
+  void read(const Rows<A>& rows, int64_t C, int64_t W) {
+    for_each_tile(C, W, [&](int64_t c, int64_t x, vec<A>* tile) {
+      for (int64_t i = 0; i < lanes<A>; ++i) tile[i] = c + i < C ? load(rows[c + i] + x) : vec<A>{};
+      transpose<A>(tile);
+      for (int64_t i = 0; i < lanes<A>; ++i) store((*this)[x + i] + c, tile[i]);
+    });
+  }
+
+  void write(Rows<A>& rows, int64_t C, int64_t W) const {
+    for_each_tile(C, W, [&](int64_t c, int64_t x, vec<A>* tile) {
+      for (int64_t i = 0; i < lanes<A>; ++i) tile[i] = load((*this)[x + i] + c);
+      transpose<A>(tile);
+      for (int64_t i = 0; i < lanes<A> && c + i < C; ++i) store(rows[c + i] + x, tile[i]);
+    });
+  }
+
+ private:
+  template <class Body>
+  static void for_each_tile(int64_t C, int64_t W, const Body& body) {
+    vec<A> tile[lanes<A>];
+    for (int64_t c = 0; c < C; c += lanes<A>) {
+      for (int64_t x = 0; x < W; x += lanes<A>) body(c, x, tile);
+    }
+  }
+
+  const int64_t pitch_, before_, count_;
+  Scratch<A> data_;
+};
+
+/// The gradients of one row around a disparity map.
+template <class A>
+void backward_around_map(const Rows<A>& grad, const Pixels<A>& left, const Pixels<A>& right, const Positions<A>& at,
+                         int64_t C, int64_t W, int64_t K, Pixels<A>& grad_left, Pixels<A>& grad_right,
+                         A* grad_disparity) {
+  vec<A> to_disparity[lanes<A>] = {};  // of the last pixels, one vector of channels each
+  for (int64_t x = 0; x < W; ++x) {
+    const A f = at.fraction[x];
+    const int64_t i = at.index[x];
+    vec<A> slopes{};
+    for (int64_t c = 0; c < C; c += lanes<A>) {
+      const vec<A> l = load(left[x] + c);
+      vec<A> next = load(right[i + 1] + c), to_left{}, from_last{};
+      for (int64_t k = 0; k < K; ++k) {
+        const vec<A> here = load(right[i - k] + c);
+        const vec<A> gs = signed_by<A>(splat<A>(grad[k][x]), l, (1 - f) * here + f * next);
+        to_left += gs;
+        slopes += gs * (next - here);
+        A* const to_next = grad_right[i - k + 1] + c;
+        store(to_next, load(to_next) - (from_last + gs * f));
+        from_last = gs * (1 - f);
+        next = here;
+      }
+      A* const to_here = grad_right[i - K + 1] + c;
+      store(to_here, load(to_here) - from_last);
+      store(grad_left[x] + c, to_left);
+    }
+    to_disparity[x % lanes<A>] = slopes;
+    if (x % lanes<A> == lanes<A> - 1 || x == W - 1) {
+      transpose<A>(to_disparity);
+      vec<A> sum{};
+      for (int64_t j = 0; j < lanes<A>; ++j) sum += to_disparity[j];
+      store(grad_disparity + x / lanes<A> * lanes<A>, sum);
+    }
+  }
+}
+
 }  // namespace
 
 template <class T>
 void cost_volume_backward(const CostVolumeBackward<T>& a, int threads) {
   using A = accumulator_t<T>;
   const int64_t N = a.left.size[0], C = a.left.size[1], H = a.left.size[2], W = a.left.size[3], K = a.count;
-  const bool between = a.disparity.data != nullptr;
+  const bool around = a.disparity.data != nullptr;
   if (W == 0) return;
-  const int64_t first = clamp(a.first, -W - K, W), last = first + K - 1;
-  // Left pixel x and right pixel j = x - first - k meet: each side is read at the other's positions.
-  const int64_t before = (between ? K + 2 : clamp(last, 0, W + K)) + lanes<A>;
-  const int64_t after = (between ? K : clamp(-first, 0, W + K)) + 3 * lanes<A>;
+  const int64_t first = clamp(a.first, -W - K, W);
+  // Left pixel x and right pixel x - first - k meet: each side is read at the other's positions.
+  const int64_t behind = (around ? 0 : clamp(first + K - 1, 0, W + K)) + lanes<A>;
+  const int64_t ahead = (around ? 0 : clamp(-first, 0, W + K)) + lanes<A>;
   parallel_ranges(N * H, useful_threads(N * C * H * W * K * 8, threads), [&](int64_t begin, int64_t end) {
-    const int64_t width = round_up(W, lanes<A>);
-    Rows<A> left(C, after, W, before), right(C, before, W, after), grad(K, after, W, before);
-    Rows<A> scattered(1, before, W, after);
+    Rows<A> left(C, ahead, W, behind + lanes<A>), right(C, behind, W, ahead + lanes<A>);
+    Rows<A> grad(K, ahead, W, behind + lanes<A>), grad_left(C, 0, W, lanes<A>), grad_right(C, 0, W, lanes<A>);
+    const int64_t channels = around ? C : 0;
+    Pixels<A> left_pixels(channels, 0, W, 0), right_pixels(channels, K + 1, W, K + 1);
+    Pixels<A> grad_left_pixels(channels, 0, W, 0), grad_right_pixels(channels, K + 1, W, K + 1);
     Positions<A> at(W);
-    Scratch<A> grad_left(width), grad_disparity(width);
+    Scratch<A> grad_disparity(round_up(W, lanes<A>));
     for (int64_t task = begin; task < end; ++task) {
       const int64_t n = task / H, y = task % H;
       left.read(a.left, n, y);
       right.read(a.right, n, y);
       grad.read(a.grad, n, y);
-      if (between) {
+      if (around) {
         at.read(a.disparity.data + n * a.disparity.stride[0] + y * a.disparity.stride[2], a.disparity.stride[3],
                 a.first, -2, static_cast<int32_t>(W + K - 1));
-        fill_zero<A>(grad_disparity, W);
+        left_pixels.read(left, C, W);
+        right_pixels.read(right, C, W);
+        grad_right_pixels.clear();
+        backward_around_map(grad, left_pixels, right_pixels, at, C, W, K, grad_left_pixels, grad_right_pixels,
+                            static_cast<A*>(grad_disparity));
+        grad_left_pixels.write(grad_left, C, W);
+        grad_right_pixels.write(grad_right, C, W);
+        write_row<T>(grad_disparity, W, a.grad_disparity + (n * H + y) * W);
+      } else {
+        backward_at_offsets(grad, left, right, C, W, first, K, grad_left, grad_right);
       }
       for (int64_t c = 0; c < C; ++c) {
-        A* const grad_right = scattered[0];
-        if (!between) {
-          for (int64_t x = 0; x < W; x += lanes<A>) {
-            const vec<A> l = load(left[c] + x), r = load(right[c] + x);
-            vec<A> to_left{}, to_right{};
-            for (int64_t k = 0; k < K; ++k) {
-              to_left += signed_by<A>(load(grad[k] + x), l, load(right[c] + x - first - k));
-              to_right += signed_by<A>(load(grad[k] + x + first + k), r, load(left[c] + x + first + k));
-            }
-            store(grad_left + x, to_left);
-            store(grad_right + x, to_right);
-          }
-        } else {
-          fill_zero<A>(grad_right - before, before + W + after);
-          for (int64_t x = 0; x < W; ++x) {
-            const A f = at.fraction[x], l = left[c][x];
-            const A* r = right[c] + at.index[x];
-            A* const to_right = grad_right + at.index[x];
-            A to_left = 0, to_disparity = 0;
-            for (int64_t k = 0; k < K; ++k) {
-              const A sample = (1 - f) * r[-k] + f * r[1 - k], g = grad[k][x];
-              const A gs = l > sample ? g : l < sample ? -g : 0;
-              to_left += gs;
-              to_disparity += gs * (r[1 - k] - r[-k]);
-              to_right[-k] -= gs * (1 - f);
-              to_right[1 - k] -= gs * f;
-            }
-            grad_left[x] = to_left;
-            grad_disparity[x] += to_disparity;
-          }
-        }
-        write_row<T>(grad_left, W, a.grad_left + ((n * C + c) * H + y) * W);
-        write_row<T>(grad_right, W, a.grad_right + ((n * C + c) * H + y) * W);
+        write_row<T>(grad_left[c], W, a.grad_left + ((n * C + c) * H + y) * W);
+        write_row<T>(grad_right[c], W, a.grad_right + ((n * C + c) * H + y) * W);
       }
-      if (between) write_row<T>(grad_disparity, W, a.grad_disparity + (n * H + y) * W);
     }
   });
 }
