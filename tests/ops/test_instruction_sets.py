@@ -59,6 +59,21 @@ def test_kernels(case, isa, dtype):
         torch.testing.assert_close(from_array(one), other.to(dtype), **tolerance)
 
 
+@pytest.mark.parametrize(("dtype", "reach"), [(np.float32, 86.0), (np.float64, 700.0)], ids=str)
+@pytest.mark.parametrize("isa", ISAS, ids=lambda isa: isa.name)
+def test_exponential(isa, dtype, reach):
+    """The kernels' own exp, seen through two costs 0 and x: e^-x / (1 + e^-x) to 4 units in the last place."""
+    x = np.linspace(0, reach, 100_003, dtype=dtype)
+    cost = np.stack([np.zeros_like(x), x])[None, :, None]
+    got = _kernels.soft_argmin(isa, cost, 0, 1).ravel().astype(np.longdouble)
+    e = np.exp(-x.astype(np.longdouble))
+    error = np.abs(got / (e / (1 + e)) - 1)
+    assert error.max() < 4 * np.finfo(dtype).eps
+    beyond = np.array([reach + 10, 1e4, np.inf], dtype=dtype)
+    cost = np.stack([np.zeros_like(beyond), beyond])[None, :, None]
+    assert not _kernels.soft_argmin(isa, cost, 0, 1).any()
+
+
 def chosen(isa: str) -> subprocess.CompletedProcess[str]:
     """What a fresh process chooses when the environment asks for `isa`."""
     code = "import _kernels; print(_kernels.chosen_isa().name)"

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <cstring>
 
 #include "scratch.h"
 #include "simd.h"
@@ -45,8 +46,9 @@ class Positions {
     }
     for (int64_t x = width_; x < round_up(width_, lanes<A>); ++x) index[x] = index[width_ - 1];
     for (int64_t x = 0; x < width_; x += lanes<A>) {
-      int32_t low = index[x], high = index[x];
-      for (int64_t i = 1; i < lanes<A>; ++i) {
+      int32_t low = INT32_MAX, high = INT32_MIN;
+#pragma omp simd reduction(min : low) reduction(max : high)
+      for (int64_t i = 0; i < lanes<A>; ++i) {
         low = index[x + i] < low ? index[x + i] : low;
         high = index[x + i] > high ? index[x + i] : high;
       }
@@ -70,8 +72,11 @@ class Positions {
 template <class A>
 class Windowed {
  public:
-  Windowed(const Positions<A>& at, int64_t x) : low_(at.window[x / lanes<A>]) {
-    for (int64_t i = 0; i < lanes<A>; ++i) select_[i] = at.index[x + i] - low_;
+  ANYNET_INLINE Windowed(const Positions<A>& at, int64_t x) : low_(at.window[x / lanes<A>]) {
+    typedef int32_t Indices __attribute__((vector_size(lanes<A> * sizeof(int32_t))));
+    Indices indices;
+    std::memcpy(&indices, at.index + x, sizeof(indices));
+    select_ = __builtin_convertvector(indices - static_cast<int32_t>(low_), typename Simd<A>::mask);
   }
   ANYNET_INLINE vec<A> operator()(const A* row, int64_t move) const {
     const A* p = row + low_ + move;

@@ -176,4 +176,28 @@ ANYNET_INLINE void write_row(const accumulator_t<T>* row, int64_t count, T* p) {
   for (int64_t i = 0; i < count; ++i) p[i] = from_accumulator<T>(row[i]);
 }
 
+/// Up to a vector of elements, `stride` apart, with zeros behind them.
+template <class T>
+ANYNET_INLINE vec<accumulator_t<T>> read_vector(const T* p, int64_t stride, int64_t count) {
+  using A = accumulator_t<T>;
+  if constexpr (sizeof(T) == sizeof(A)) {
+    if (stride == 1 && count == lanes<A>) return load<A>(p);
+  }
+  A row[lanes<A>] = {};
+  copy_row(p, stride, count, row);
+  return load(row);
+}
+
+/// The first `count` lanes of `v`.
+template <class T>
+ANYNET_INLINE void write_vector(vec<accumulator_t<T>> v, int64_t count, T* p) {
+  using A = accumulator_t<T>;
+  if constexpr (sizeof(T) == sizeof(A)) {
+    if (count == lanes<A>) return store<A>(p, v);
+  }
+  A row[lanes<A>];
+  store(row, v);
+  write_row<T>(row, count, p);
+}
+
 }  // namespace anynet::ANYNET_ISA

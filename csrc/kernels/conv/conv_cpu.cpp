@@ -11,10 +11,10 @@
 #include <algorithm>
 #include <limits>
 #include <utility>
-#include <vector>
 
 #include "../common/parallel.h"
 #include "../common/simd.h"
+#include "../common/vector.h"
 #include "conv.h"
 
 namespace anynet::ANYNET_ISA {
@@ -54,7 +54,7 @@ struct Source {
   int64_t pitch;  // from a row to the next
   int64_t column[3];
   bool padded;  // false: the tensor itself, in which columns -1 and W do not exist
-  std::vector<T> copy;
+  Vector<T> copy;
 
   /// The tensor itself.
   Source(const T* tensor, int64_t width) : data(tensor), pitch(width), column{-1, 0, 1}, padded(false) {}
@@ -289,8 +289,8 @@ int64_t block_at(int64_t o, int64_t channels, int64_t largest) {
 
 /// [block of output channels][in_channels][tap][kx][channel of the block], each read from weight(o, c, tap and kx)
 template <class T, class Weight>
-std::vector<T> pack(const Geometry& g, const Weight& weight) {
-  std::vector<T> packed;
+Vector<T> pack(const Geometry& g, const Weight& weight) {
+  Vector<T> packed;
   packed.reserve(g.out_channels * g.in_channels * g.taps() * 3);
   for (int64_t o = 0, size; o < g.out_channels; o += size) {
     size = block_at(o, g.out_channels, max_channels);
@@ -304,8 +304,8 @@ std::vector<T> pack(const Geometry& g, const Weight& weight) {
 }
 
 template <class T>
-void convolve(const Geometry& g, const Source<T>& source, const std::vector<T>& weights, const T* bias, bool relu,
-              T* out, int threads) {
+void convolve(const Geometry& g, const Source<T>& source, const Vector<T>& weights, const T* bias, bool relu, T* out,
+              int threads) {
   const int64_t vectors = vectors_in<T>(g.out_width), groups = (g.out_height + max_rows - 1) / max_rows;
   const int64_t stride = source.padded ? 1 : g.stride;
   parallel_for(g.batch * g.out_depth * groups, threads, [&](int64_t unit) {
@@ -453,7 +453,7 @@ void conv_backward_weight(const ConvBackwardWeight<T>& a, int available) {
   const int64_t groups = std::min(planes, chunks);
   const int64_t parts = planes == 0 ? 0 : std::max<int64_t>(1, std::min(g.out_height, chunks / planes));
   const int64_t count = groups * parts, total = g.out_channels * (size + 1);
-  std::vector<T> partial(count * total);  // per chunk [O][C][tap][kx], then the bias' [O]
+  Vector<T> partial(count * total);  // per chunk [O][C][tap][kx], then the bias' [O]
   parallel_for(count, threads, [&](int64_t i) {
     const int64_t group = i / parts, part = i % parts;
     const Chunk chunk{planes * group / groups, planes * (group + 1) / groups, g.out_height * part / parts,

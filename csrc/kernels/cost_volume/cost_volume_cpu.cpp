@@ -115,9 +115,7 @@ void cost_volume(const CostVolume<T>& a, int threads) {
         }
         const int64_t count = W - x < lanes<A> ? W - x : lanes<A>;
         for (int64_t k = 0; k < K; ++k) {
-          A sum[lanes<A>];
-          store(sum, sums[k]);
-          write_row<T>(sum, count, a.out + ((n * K + k) * H + y) * W + x);
+          write_vector<T>(sums[k], count, a.out + ((n * K + k) * H + y) * W + x);
         }
       }
     }

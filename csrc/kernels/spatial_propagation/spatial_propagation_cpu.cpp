@@ -47,9 +47,7 @@ class Lines {
     for (int64_t r = 0; r < scan.length; r += block) {
       vec<A> tile[block] = {};
       for (int64_t i = 0; i < block && r + i < scan.length; ++i) {
-        A row[block] = {};
-        copy_row(p + (r + i) * row_stride, column_stride, count, row);
-        tile[i] = load(row);
+        tile[i] = read_vector(p + (r + i) * row_stride, column_stride, count);
       }
       transpose<A>(tile);
       for (int64_t i = 0; i < block; ++i) store(lines[i] + r, tile[i]);
@@ -69,9 +67,7 @@ class Lines {
       for (int64_t i = 0; i < block; ++i) tile[i] = load(lines[i] + r);
       transpose<A>(tile);
       for (int64_t i = 0; i < block && r + i < scan.length; ++i) {
-        A row[block];
-        store(row, tile[i]);
-        write_row<T>(row, count, p + (r + i) * scan.steps + begin);
+        write_vector<T>(tile[i], count, p + (r + i) * scan.steps + begin);
       }
     }
   }
