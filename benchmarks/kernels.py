@@ -141,13 +141,17 @@ class Row:
         return (self.compiled or self.eager) / self.ours
 
 
-def measure(workload: Workload, limits: Limits) -> list[Row]:
+def measure(workload: Workload, limits: Limits, seconds: float) -> list[Row]:
     inputs = workload.inputs
     compiled = torch.compile(workload.plain) if workload.compiles else None
     with torch.no_grad():
         out = workload.ours(*inputs)
-        forward = [None if f is None else median_ms(lambda f=f: f(*inputs)) for f in _versions(workload, compiled)]
-    backward = [None if f is None else median_ms(backward_of(f, inputs)) for f in _versions(workload, compiled)]
+        forward = [
+            None if f is None else median_ms(lambda f=f: f(*inputs), seconds) for f in _versions(workload, compiled)
+        ]
+    backward = [
+        None if f is None else median_ms(backward_of(f, inputs), seconds) for f in _versions(workload, compiled)
+    ]
     read, written = sum(t.nbytes for t in inputs), out.nbytes
     limit = limits.ms(workload.operations, read + written)
     back_limit = limits.ms(workload.backward_operations, 2 * read + written)
@@ -189,6 +193,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--only", help="kernels whose name contains this")
+    parser.add_argument("--seconds", type=float, default=0.5, help="how long to repeat each call")
     parser.add_argument("--json", type=Path, help="write the rows, the limits and the build here")
     arguments = parser.parse_args()
     console = Console()
@@ -197,7 +202,12 @@ def main() -> None:
     for threads in arguments.threads:
         limits = measure_limits(threads)
         torch._dynamo.reset()
-        rows = [row for each in workloads() if (arguments.only or "") in each.name for row in measure(each, limits)]
+        rows = [
+            row
+            for each in workloads()
+            if (arguments.only or "") in each.name
+            for row in measure(each, limits, arguments.seconds)
+        ]
         console.print(table(rows, limits))
         for name, some in (("forward", rows[::2]), ("backward", rows[1::2])):
             mean = math.exp(sum(math.log(row.speedup) for row in some) / len(some))
