@@ -1,0 +1,73 @@
+"""How well a time budget is kept: KITTI-size frames, each with a random budget.
+
+python benchmarks/deadline.py [--weights W] [--frames 1000] [--threads 2] [--json FILE]
+
+Counts a frame as late when `Predictor.predict(..., budget_ms=T)` returns later than T + 2 ms, seen from outside. The
+first frames are not left out: the latencies are learnt from them. Budgets shorter than the first stage, which is
+always computed, are drawn too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from anynet import Predictor
+
+TOLERANCE_MS = 2.0
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--weights", default="default")
+    parser.add_argument("--frames", type=int, default=1000)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--least", type=float, default=5.0, help="shortest budget, ms")
+    parser.add_argument("--most", type=float, default=500.0, help="longest budget, ms")
+    parser.add_argument("--json", type=Path, help="write the figures here")
+    arguments = parser.parse_args()
+
+    random = np.random.default_rng(0)
+    texture = random.integers(0, 256, (375, 1242 + 40, 3), dtype=np.uint8)
+    left, right = texture[:, :-40].copy(), texture[:, 40:].copy()
+    predictor = Predictor(arguments.weights, threads=arguments.threads)
+    budgets = random.uniform(arguments.least, arguments.most, arguments.frames)
+    stages, overshoots = [], []
+    for budget in budgets:
+        start = time.perf_counter()
+        estimate = predictor.predict(left, right, budget_ms=float(budget))
+        overshoots.append(1e3 * (time.perf_counter() - start) - budget)
+        stages.append(estimate.stage)
+    late = np.array(overshoots) > TOLERANCE_MS
+    result = {
+        "frames": arguments.frames,
+        "budgets_ms": [arguments.least, arguments.most],
+        "threads": arguments.threads,
+        "late": float(late.mean()),
+        "largest_overshoot_ms": float(max(overshoots)),
+        "frames_per_stage": {str(stage): stages.count(stage) for stage in range(1, predictor.config.stages + 1)},
+    }
+    table = Table(
+        "frames", "budgets", "stages 1 / 2 / 3 / 4", f"late by > {TOLERANCE_MS:g} ms", "worst overshoot", "goal"
+    )
+    table.add_row(
+        str(arguments.frames),
+        f"{arguments.least:g} to {arguments.most:g} ms",
+        " / ".join(str(count) for count in result["frames_per_stage"].values()),
+        f"{100 * result['late']:.1f} %",
+        f"{result['largest_overshoot_ms']:.1f} ms",
+        "1 %",
+    )
+    Console().print(table)
+    if arguments.json:
+        arguments.json.write_text(json.dumps(result, indent=2))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,303 @@
+"""Times the whole network on the CPU, from images in bytes to disparity, against its peers and the machine's limits.
+
+python benchmarks/pipeline.py [--weights W] [--threads 1 2] [--json FILE] [--plot FILE] [--sizes]
+
+Peers, each with its best settings, on the same 1x3x368x1232 pair. They get normalised float tensors, while ours starts
+from bytes:
+* eager: the same network on PyTorch's own operators, inference mode;
+* compiled: that through torch.compile, weights frozen (stages 1 to 3: the fourth scans column by column);
+* onnxruntime: that exported to ONNX, all graph optimisations, sequential execution;
+* openvino: the same ONNX file, latency hint;
+* OpenCV's StereoBM and StereoSGBM, 192 disparities.
+Times are medians of one call in milliseconds. The limit is the multiply-adds over the peak measured in the same run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from itertools import islice
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import cv2
+import numpy as np
+import torch
+from measure import Limits, measure_limits, median_ms
+from rich.console import Console
+from rich.table import Table
+from torch import Tensor, nn
+from torch.utils._python_dispatch import TorchDispatchMode
+
+import anynet_ext
+from anynet import AnyNet, Predictor, load_checkpoint, network
+from anynet_ext import reference
+
+HEIGHT, WIDTH = 368, 1232
+OPERATORS = ("conv3x3", "conv3x3x3", "cost_volume", "resize", "soft_argmin", "spatial_propagation")
+
+
+def pair(height: int = HEIGHT, width: int = WIDTH) -> tuple[np.ndarray, np.ndarray]:
+    """Smooth texture, the left image shifted by 20 pixels against the right one."""
+    random = np.random.default_rng(0)
+    coarse = random.integers(0, 256, (height // 8 + 2, width // 8 + 8, 3), dtype=np.uint8)
+    texture = cv2.resize(coarse, (width + 20, height), interpolation=cv2.INTER_CUBIC)
+    return texture[:, :-20].copy(), texture[:, 20:].copy()
+
+
+class Plain(nn.Module):
+    """The first stages of a network, on PyTorch's own operators."""
+
+    def __init__(self, model: AnyNet, stages: int) -> None:
+        super().__init__()
+        self.model, self.stages = model, stages
+
+    def forward(self, left: Tensor, right: Tensor) -> Tensor:
+        *_, last = islice(self.model.stages(left, right), self.stages)
+        return last
+
+
+@contextmanager
+def plain_operators() -> Iterator[None]:
+    with mock.patch.multiple(network, **{name: getattr(reference, name) for name in OPERATORS}):
+        yield
+
+
+class Counter(TorchDispatchMode):
+    """Multiply-adds of the convolutions, and time and traffic of every operator, of one frame."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.multiply_adds = 0
+        self.calls: list[tuple[str, float, int, int]] = []  # name, seconds, multiply-adds, bytes
+
+    def __torch_dispatch__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        start = time.perf_counter()
+        out = function(*args, **(kwargs or {}))
+        seconds = time.perf_counter() - start
+        work = 0
+        if function.name().startswith("anynet::conv"):
+            work = out.numel() * args[1][0].numel()
+            self.multiply_adds += work
+        tensors = [t for t in (*args, out) if isinstance(t, Tensor)]
+        self.calls.append((function.name(), seconds, work, sum(t.nbytes for t in tensors)))
+        return out
+
+
+def stem_multiply_adds(model: AnyNet) -> int:
+    """Of the first two layers, which the inference graph computes inside one operator."""
+    c = model.config.channels
+    return 2 * (HEIGHT * WIDTH * 27 * c + HEIGHT * WIDTH // 4 * 9 * c * c)
+
+
+def peers(weights: str, threads: int, console: Console) -> dict[str, float]:
+    """Milliseconds by peer."""
+    torch.set_num_threads(threads)
+    cv2.setNumThreads(threads)
+    left, right = pair()
+    tensors = tuple(
+        torch.from_numpy((image / 255 - network.MEAN) / network.STD).permute(2, 0, 1)[None].float().contiguous()
+        for image in (left, right)
+    )
+    result: dict[str, float] = {}
+    model = load_checkpoint(weights)
+    with plain_operators(), torch.no_grad(), tempfile.TemporaryDirectory() as folder:
+        for stages in (1, 3, 4):
+            plain = Plain(model, stages).eval()
+            result[f"eager, {stages} stages"] = median_ms(lambda plain=plain: plain(*tensors), 2, 3)
+        plain = Plain(model, 3).eval()
+        expected = plain(*tensors)
+
+        def check(name: str, out: Tensor) -> None:
+            if not torch.allclose(out, expected, atol=0.05):
+                console.print(f"{name}: differs from eager by up to {(out - expected).abs().max():.3f} px")
+
+        torch._dynamo.reset()
+        with torch._inductor.config.patch(freezing=True):
+            compiled = torch.compile(torch.export.export(plain, tensors).module())
+            check("torch.compile", compiled(*tensors))
+            result["torch.compile, 3 stages"] = median_ms(lambda: compiled(*tensors), 2)
+
+        path = f"{folder}/three_stages.onnx"
+        torch.onnx.export(plain, tensors, path, dynamo=True, optimize=True, verbose=False)
+        result |= _onnx_peers(path, tensors, threads, check)
+    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
+    matcher = cv2.StereoBM.create(numDisparities=192, blockSize=15)
+    result["OpenCV StereoBM"] = median_ms(lambda: matcher.compute(*grey), 1)
+    semi_global = cv2.StereoSGBM.create(minDisparity=0, numDisparities=192, blockSize=5, P1=200, P2=800)
+    result["OpenCV StereoSGBM"] = median_ms(lambda: semi_global.compute(*grey), 1)
+    return result
+
+
+def _onnx_peers(
+    path: str, tensors: tuple[Tensor, ...], threads: int, check: Callable[[str, Tensor], None]
+) -> dict[str, float]:
+    import onnxruntime
+    import openvino
+
+    arrays = [t.numpy() for t in tensors]
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
+    session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    feed = {node.name: array for node, array in zip(session.get_inputs(), arrays, strict=True)}
+    check("onnxruntime", torch.from_numpy(session.run(None, feed)[0]))
+    result = {"onnxruntime, 3 stages": median_ms(lambda: session.run(None, feed), 2)}
+
+    core = openvino.Core()
+    settings = {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads, "INFERENCE_PRECISION_HINT": "f32"}
+    request = core.compile_model(path, "CPU", settings).create_infer_request()
+    check("openvino", torch.from_numpy(request.infer(arrays)[0]))
+    result["openvino, 3 stages"] = median_ms(lambda: request.infer(arrays), 2)
+    return result
+
+
+def ours(weights: str, threads: int) -> tuple[list[float], float]:
+    """Milliseconds until each stage, and the growth of memory over the loaded model, in MB."""
+    predictor = Predictor(weights, threads=threads)
+    left, right = pair()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    times = [
+        median_ms(lambda stage=stage: predictor.predict(left, right, stage=stage), 1.5)
+        for stage in range(1, predictor.config.stages + 1)
+    ]
+    return times, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+
+
+def count(weights: str, threads: int) -> tuple[int, list[tuple[str, float, int, int]]]:
+    """Multiply-adds of one frame, and every operator: name, fastest seconds, multiply-adds, bytes."""
+    predictor = Predictor(weights, threads=threads)
+    runs = []
+    for _ in range(20):
+        with Counter() as counter:
+            predictor.predict(*pair())
+        runs.append(counter.calls)
+    calls = [(c[0][0], min(x[1] for x in c), c[0][2], c[0][3]) for c in zip(*runs, strict=True)]
+    return counter.multiply_adds + stem_multiply_adds(load_checkpoint(weights)), calls
+
+
+def sizes(weights: str, threads: int, console: Console) -> dict[str, float]:
+    """Four stages over image sizes of 1/4 to 4 times KITTI's: milliseconds, and the fit a + b * megapixels."""
+    predictor = Predictor(weights, threads=threads)
+    megapixels, times = [], []
+    for factor in (0.5, 0.71, 1.0, 1.41, 2.0):
+        height, width = (round(factor * n / 16) * 16 for n in (HEIGHT, WIDTH))
+        left, right = pair(height, width)
+        times.append(median_ms(lambda left=left, right=right: predictor.predict(left, right), 1))
+        megapixels.append(height * width / 1e6)
+        console.print(f"{height} x {width}: {times[-1]:.2f} ms, {times[-1] / megapixels[-1]:.1f} ms per megapixel")
+    slope, start = np.polyfit(megapixels, times, 1)
+    worst = max(abs(start + slope * m - t) / t for m, t in zip(megapixels, times, strict=True))
+    console.print(f"{threads} threads: {start:.2f} ms + {slope:.1f} ms per megapixel, within {100 * worst:.0f} %")
+    return {"ms": start, "ms_per_megapixel": slope, "largest_deviation": worst}
+
+
+def roofline(calls: list[tuple[str, float, int, int]], limits: Limits, file: Path) -> None:
+    """Every convolution of a frame under the roof of peak arithmetic and copy bandwidth."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(figsize=(7, 5), layout="constrained")
+    intensity = np.logspace(-1, 3, 100)
+    axes.loglog(intensity, np.minimum(limits.operations, intensity * limits.bandwidth) / 1e9, "k-", label="limit")
+    for name in ("anynet::conv3x3", "anynet::conv3x3x3"):
+        points = [(work / traffic, work / seconds / 1e9) for n, seconds, work, traffic in calls if n == name]
+        axes.plot(*zip(*points, strict=True), "o", label=name)
+    axes.set_xlabel("multiply-adds per byte")
+    axes.set_ylabel("10⁹ multiply-adds per second")
+    axes.set_title(f"The convolutions of one frame, {limits.threads} thread(s)")
+    axes.legend()
+    figure.savefig(file, dpi=150)
+
+
+def goals(
+    stages: dict[int, list[float]], others: dict[int, dict[str, float]], limit: float, memory: float, threads: int
+) -> Table:
+    """The figures to reach, and what was measured with `threads` threads."""
+    mine, peer = stages[threads], others[threads]
+    table = Table("", "measured", "goal", title=f"{threads} thread(s)")
+    table.add_row("4 stages", f"{mine[3]:.2f} ms = {mine[3] / limit:.2f} x the limit of {limit:.2f} ms", "<= 2.0 x")
+    table.add_row("stage 1", f"{mine[0]:.2f} ms", "<= 5 ms")
+    learned = {k: v for k, v in peer.items() if k.endswith("3 stages") and not k.startswith("eager")}
+    if learned:
+        best = min(learned, key=lambda k: learned[k])
+        table.add_row(f"3 stages against {best}", f"{learned[best] / mine[2]:.1f} x", ">= 3 x")
+        matching = peer["OpenCV StereoBM"]
+        table.add_row("against OpenCV StereoBM", f"{mine[3]:.1f} ms against {matching:.1f} ms", "faster")
+    if 1 in stages and threads == 2:
+        table.add_row("two threads against one, 4 stages", f"{stages[1][3] / mine[3]:.2f} x", ">= 1.7 x")
+    table.add_row("peak memory above the loaded model", f"{memory:.0f} MB", "<= 64 MB")
+    return table
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--weights", default="default")
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--no-peers", action="store_true", help="only ours and the limits")
+    parser.add_argument("--sizes", action="store_true", help="also how the time grows with the image")
+    parser.add_argument("--operators", action="store_true", help="also where our time goes")
+    parser.add_argument("--json", type=Path, help="write all figures here")
+    parser.add_argument("--plot", type=Path, help="write a roofline plot here")
+    arguments = parser.parse_args()
+    console = Console()
+    report: dict[str, Any] = {"build": anynet_ext.build_info()}
+    stages: dict[int, list[float]] = {}
+    others: dict[int, dict[str, float]] = {}
+    for threads in arguments.threads:
+        torch.set_num_threads(threads)
+        stages[threads], memory = ours(arguments.weights, threads)
+        limits = measure_limits(threads)
+        work, calls = count(arguments.weights, threads)
+        limit = 1e3 * work / limits.operations
+        others[threads] = {} if arguments.no_peers else peers(arguments.weights, threads, console)
+        table = Table("", "ms", title=f"{threads} thread(s), 1x3x{HEIGHT}x{WIDTH}")
+        for stage, ms in enumerate(stages[threads], start=1):
+            table.add_row(f"ours, to stage {stage}", f"{ms:.2f}")
+        for name, ms in others[threads].items():
+            table.add_row(name, f"{ms:.1f}")
+        console.print(table, goals(stages, others, limit, memory, threads))
+        if arguments.operators:
+            console.print(operators(calls))
+        if arguments.plot:
+            roofline(calls, limits, arguments.plot)
+        report[f"{threads} threads"] = {
+            "stages_ms": stages[threads],
+            "peers_ms": others[threads],
+            "multiply_adds": work,
+            "limit_ms": limit,
+            "limits": asdict(limits),
+            "memory_mb": memory,
+            "sizes": sizes(arguments.weights, threads, console) if arguments.sizes else None,
+        }
+    if arguments.json:
+        arguments.json.write_text(json.dumps(report, indent=2))
+
+
+def operators(calls: list[tuple[str, float, int, int]]) -> Table:
+    """Our time by operator."""
+    total: dict[str, list[float]] = defaultdict(lambda: [0, 0.0, 0])
+    for name, seconds, work, _ in calls:
+        total[name][0] += 1
+        total[name][1] += 1e3 * seconds
+        total[name][2] += work
+    table = Table("operator", "calls", "ms", "10⁹ multiply-adds per second")
+    for name, (number, ms, work) in sorted(total.items(), key=lambda item: -item[1][1]):
+        if ms >= 0.05:
+            table.add_row(name, f"{number:.0f}", f"{ms:.2f}", f"{work / ms / 1e6:.0f}" if work else "")
+    return table
+
+
+if __name__ == "__main__":
+    main()
