@@ -29,15 +29,20 @@ struct Barrier {
   char sync[2];  // what ThreadSanitizer is told about, in turn, so that neighbouring generations stay apart
 };
 
+/// What a fiber needs that is costly to make: kept from launch to launch.
+struct Stack {
+  std::unique_ptr<char[]> memory{new char[stack_bytes]};
+#ifdef EMULATOR_TSAN
+  void* tsan = __tsan_create_fiber(0);
+#endif
+};
+
 struct Fiber {
   ucontext_t context;
-  std::unique_ptr<char[]> stack;
+  Stack* stack = nullptr;
   dim3 thread;
   unsigned index = 0;
   bool done = false;
-#ifdef EMULATOR_TSAN
-  void* tsan = nullptr;
-#endif
 };
 
 struct Warp {
@@ -70,7 +75,7 @@ struct Machine {
 #endif
 #ifdef EMULATOR_TSAN
   void* tsan = nullptr;
-  char join;  // for ThreadSanitizer: the launch ends after all of its threads
+  char begin, end;  // for ThreadSanitizer: threads start after the launch began, and it ends after all of them
 #endif
 };
 
@@ -79,10 +84,10 @@ thread_local Machine* machine = nullptr;
 void to_fiber(Fiber& fiber) {
   machine->current = &fiber;
 #ifdef EMULATOR_ASAN
-  __sanitizer_start_switch_fiber(&machine->fake_stack, fiber.stack.get(), stack_bytes);
+  __sanitizer_start_switch_fiber(&machine->fake_stack, fiber.stack->memory.get(), stack_bytes);
 #endif
 #ifdef EMULATOR_TSAN
-  __tsan_switch_to_fiber(fiber.tsan, __tsan_switch_to_fiber_no_sync);
+  __tsan_switch_to_fiber(fiber.stack->tsan, __tsan_switch_to_fiber_no_sync);
 #endif
   swapcontext(&machine->scheduler, &fiber.context);
 #ifdef EMULATOR_ASAN
@@ -109,9 +114,12 @@ void fiber_main() {
 #ifdef EMULATOR_ASAN
   __sanitizer_finish_switch_fiber(nullptr, &machine->main_stack, &machine->main_stack_bytes);
 #endif
+#ifdef EMULATOR_TSAN
+  __tsan_acquire(&machine->begin);
+#endif
   (*machine->thread)();
 #ifdef EMULATOR_TSAN
-  __tsan_release(&machine->join);
+  __tsan_release(&machine->end);
 #endif
   machine->current->done = true;
   to_scheduler();
@@ -148,7 +156,7 @@ void run_block() {
   for (Fiber& fiber : machine->fibers) {
     fiber.done = false;
     getcontext(&fiber.context);
-    fiber.context.uc_stack.ss_sp = fiber.stack.get();
+    fiber.context.uc_stack.ss_sp = fiber.stack->memory.get();
     fiber.context.uc_stack.ss_size = stack_bytes;
     fiber.context.uc_link = nullptr;
     makecontext(&fiber.context, fiber_main, 0);
@@ -217,7 +225,7 @@ void* shared_array(int index, size_t bytes) {
 }
 
 void run(dim3 grid, dim3 block, size_t shared_bytes, const std::function<void()>& thread) {
-  static thread_local std::vector<std::unique_ptr<char[]>> stacks;  // kept from launch to launch
+  static thread_local std::vector<std::unique_ptr<Stack>> stacks;
   Machine here;
   here.thread = &thread;
   here.size = block;
@@ -228,30 +236,22 @@ void run(dim3 grid, dim3 block, size_t shared_bytes, const std::function<void()>
   here.warps.resize((here.count + warp_size - 1) / warp_size);
   for (Warp& warp : here.warps) warp.slots.resize(warp_size * 16);
   here.fibers.resize(here.count);
-  while (stacks.size() < here.count) stacks.emplace_back(new char[stack_bytes]);
+  while (stacks.size() < here.count) stacks.push_back(std::make_unique<Stack>());
   machine = &here;
 #ifdef EMULATOR_TSAN
   here.tsan = __tsan_get_current_fiber();
+  __tsan_release(&here.begin);
 #endif
   for (unsigned i = 0; i < here.count; ++i) {
     Fiber& fiber = here.fibers[i];
     fiber.index = i;
     fiber.thread = dim3(i % block.x, i / block.x % block.y, i / (block.x * block.y));
-    fiber.stack = std::move(stacks[i]);
-#ifdef EMULATOR_TSAN
-    fiber.tsan = __tsan_create_fiber(0);
-#endif
+    fiber.stack = stacks[i].get();
   }
   const auto finish = [&] {
 #ifdef EMULATOR_TSAN
-    __tsan_acquire(&here.join);
+    __tsan_acquire(&here.end);
 #endif
-    for (unsigned i = 0; i < here.count; ++i) {
-#ifdef EMULATOR_TSAN
-      __tsan_destroy_fiber(here.fibers[i].tsan);
-#endif
-      stacks[i] = std::move(here.fibers[i].stack);
-    }
     machine = nullptr;
   };
   try {
