@@ -20,8 +20,6 @@ class CMakeBuild(build_ext):
 
         target = ROOT if self.inplace else Path(self.build_lib).resolve()
         build = Path(self.build_temp).resolve() / "cmake"
-        # Developers rebuild in place often, and all GPU architectures take minutes: there CUDA has to be asked for.
-        cuda = "OFF" if self.inplace and not self.editable_mode else "AUTO"
         configure = [
             "cmake",
             f"-S{ROOT}",
@@ -33,7 +31,7 @@ class CMakeBuild(build_ext):
             "-DANYNET_PYTHON=ON",
             "-DANYNET_TESTS=OFF",
             f"-DCMAKE_INSTALL_PREFIX={target / 'anynet_ext'}",
-            f"-DANYNET_CUDA={os.environ.get('ANYNET_CUDA', cuda)}",
+            f"-DANYNET_CUDA={os.environ.get('ANYNET_CUDA', 'AUTO')}",
             "-UANYNET_NVCC",  # look for it anew: CUDA may have come or gone since the last build
         ]
         subprocess.run(configure, check=True)

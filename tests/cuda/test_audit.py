@@ -29,8 +29,8 @@ REGISTERS = {
     "cost_volume::forward_disparity": 80,  # 128 threads: six blocks
     "cost_volume::backward_grid": 128,  # 128 threads: four
     "cost_volume::backward_disparity": 128,  # 128 threads: four
-    "soft_argmin::forward": 80,  # 128 threads: six
-    "soft_argmin::backward": 80,
+    "soft_argmin::forward": 128,  # 128 threads: four
+    "soft_argmin::backward": 128,
     "spatial_propagation::forward": 128,  # up to 512 threads: one
     "spatial_propagation::forward_many": 128,
     "spatial_propagation::backward": 168,  # up to 384 threads: one

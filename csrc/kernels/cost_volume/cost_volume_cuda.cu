@@ -43,7 +43,7 @@ struct Layout {
 };
 
 template <class T>
-__global__ void __launch_bounds__(32 * most_groups) forward_grid(CostVolume<T> a, Layout layout) {
+__global__ void __launch_bounds__(32 * most_groups, 1) forward_grid(CostVolume<T> a, Layout layout) {
   using A = accumulator_t<T>;
   constexpr int offsets = lane_offsets<T>;
   const int64_t N = a.left.size[0], C = a.left.size[1], H = a.left.size[2], W = a.left.size[3], K = a.count;

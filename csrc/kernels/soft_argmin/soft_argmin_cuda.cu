@@ -57,7 +57,7 @@ ANYNET_DEVICE void scan(const View4<const T>& cost, const Place& place, OnlineSo
 }
 
 template <class T, int N>
-__global__ void __launch_bounds__(threads_per_block) forward(SoftArgmin<T> a) {
+__global__ void __launch_bounds__(threads_per_block, 4) forward(SoftArgmin<T> a) {
   using A = accumulator_t<T>;
   Place place;
   if (!find_place<N>(a.cost.size, place)) return;
@@ -70,7 +70,7 @@ __global__ void __launch_bounds__(threads_per_block) forward(SoftArgmin<T> a) {
 }
 
 template <class T, int N>
-__global__ void __launch_bounds__(threads_per_block) backward(SoftArgminBackward<T> a) {
+__global__ void __launch_bounds__(threads_per_block, 4) backward(SoftArgminBackward<T> a) {
   using A = accumulator_t<T>;
   Place place;
   if (!find_place<N>(a.cost.size, place)) return;

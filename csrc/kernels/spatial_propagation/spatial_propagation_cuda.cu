@@ -123,12 +123,10 @@ struct Exchange {
 // ------------------------------------------------------------------------------------------------------------ forward
 /// Steps read at once: as many as registers allow.
 template <class T, bool Packs>
-constexpr int forward_steps = sizeof(T) == 8 ? 4
-                              : Packs        ? 8
-                                             : 6;
+constexpr int forward_steps = (sizeof(T) == 8 ? 4 : 8) / (Packs ? 1 : 2);
 
 template <class T, bool Packs>
-__global__ void __launch_bounds__(most_lines) forward(Forward<T> a) {
+__global__ void __launch_bounds__(most_lines, 1) forward(Forward<T> a) {
   using A = accumulator_t<T>;
   constexpr int N = forward_steps<T, Packs>;
   const int64_t n = blockIdx.x / a.C, c = blockIdx.x % a.C;
@@ -179,7 +177,7 @@ __global__ void __launch_bounds__(most_lines) forward(Forward<T> a) {
 }
 
 template <class T>
-__global__ void __launch_bounds__(threads_of_many) forward_many(Forward<T> a) {
+__global__ void __launch_bounds__(threads_of_many, 1) forward_many(Forward<T> a) {
   using A = accumulator_t<T>;
   const int64_t n = blockIdx.x / a.C, c = blockIdx.x % a.C;
   SharedMemory shared;
@@ -235,7 +233,7 @@ template <class T>
 constexpr int backward_steps = sizeof(T) == 8 ? 2 : 4;
 
 template <class T, bool Packs>
-__global__ void __launch_bounds__(most_lines_backward) backward(Backward<T> a) {
+__global__ void __launch_bounds__(most_lines_backward, 1) backward(Backward<T> a) {
   using A = accumulator_t<T>;
   constexpr int N = backward_steps<T>;
   const int64_t n = blockIdx.x / a.C, c = blockIdx.x % a.C;
@@ -308,7 +306,7 @@ __global__ void __launch_bounds__(most_lines_backward) backward(Backward<T> a) {
 }
 
 template <class T>
-__global__ void __launch_bounds__(threads_of_many) backward_many(Backward<T> a) {
+__global__ void __launch_bounds__(threads_of_many, 1) backward_many(Backward<T> a) {
   using A = accumulator_t<T>;
   const int64_t n = blockIdx.x / a.C, c = blockIdx.x % a.C;
   SharedMemory shared;
