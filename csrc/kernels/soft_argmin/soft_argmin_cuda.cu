@@ -88,7 +88,7 @@ __global__ void __launch_bounds__(threads_per_block, 4) backward(SoftArgminBackw
   const int64_t D = a.cost.size[1], plane = a.cost.size[2] * a.cost.size[3];
   const T* c = a.cost.data + place.n * stride[0] + place.y * stride[2] + place.x * stride[3];
   T* out = a.grad_cost + place.n * D * plane + place.y * a.cost.size[3] + place.x;
-#pragma unroll 4
+#pragma unroll 2
   for (int64_t k = 0; k < D; ++k) {
     Pack<T, N> pack = read_pack<T, N>(c + k * stride[1]);
 #pragma unroll
