@@ -119,10 +119,13 @@ class InferenceGraph:
                 self._ranges[i] = -high, -low
                 self._signs[i] = -1.0
                 self._cost_nets[i] = [
-                    replace(layer, weight=layer.weight.flip(2).contiguous()) for layer in self._cost_nets[i]
+                    replace(layer, weight=torch.flip(layer.weight, (2,))) for layer in self._cost_nets[i]
                 ]
-        guidance = [_Layer(layer.weight.detach(), relu_out=True) for layer in refinement.guidance]
+        guidance = [_Layer(layer.get_parameter("weight").detach(), relu_out=True) for layer in refinement.guidance]
         self._guidance = [*guidance[:-1], replace(guidance[-1], relu_out=False)]
+        # glibc hands a frame's memory back to the system at every free, to fault it in again, until it has seen a block
+        # freed that is larger than all of it.
+        torch.empty(2**25 - 2**20, dtype=torch.uint8)
         self._expand = _Layer(refinement.expand.weight.detach())
         self._reduce = _Layer(refinement.reduce.weight.detach())
 
