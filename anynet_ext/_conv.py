@@ -49,7 +49,8 @@ def conv3x3(
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.
     """
     _check("conv3x3", 2, input, weight, bias, stride, scale, shift)
-    return torch.ops.anynet.conv3x3(input, weight, bias, scale, shift, stride, relu_in, relu_out)
+    out: Tensor = torch.ops.anynet.conv3x3(input, weight, bias, scale, shift, stride, relu_in, relu_out)
+    return out
 
 
 def conv3x3x3(
@@ -65,7 +66,8 @@ def conv3x3x3(
 ) -> Tensor:
     """`conv3x3` with one dimension more: input [N, C, D, H, W], weight [O, C, 3, 3, 3], padding 1 all round."""
     _check("conv3x3x3", 3, input, weight, bias, stride, scale, shift)
-    return torch.ops.anynet.conv3x3x3(input, weight, bias, scale, shift, stride, relu_in, relu_out)
+    out: Tensor = torch.ops.anynet.conv3x3x3(input, weight, bias, scale, shift, stride, relu_in, relu_out)
+    return out
 
 
 def _check(
@@ -123,7 +125,6 @@ def _register(name: str, dimensions: int) -> None:
     backward_weight = getattr(torch.ops.anynet, f"{name}_backward_weight")
     channels_last = (1, -1, *[1] * dimensions)  # shape of a per-channel vector that multiplies a tensor
 
-    @torch.library.register_fake(op)
     def _fake(
         input: Tensor,
         weight: Tensor,
@@ -137,13 +138,15 @@ def _register(name: str, dimensions: int) -> None:
         sizes = [(size - 1) // stride + 1 for size in input.shape[2:]]
         return input.new_empty(input.shape[0], weight.shape[0], *sizes)
 
-    @torch.library.register_fake(f"{op}_backward_input")
     def _fake_backward_input(grad: Tensor, weight: Tensor, input_size: list[int], stride: int) -> Tensor:
         return grad.new_empty(input_size)
 
-    @torch.library.register_fake(f"{op}_backward_weight")
     def _fake_backward_weight(grad: Tensor, input: Tensor, stride: int) -> tuple[Tensor, Tensor]:
         return grad.new_empty(grad.shape[1], input.shape[1], *[3] * dimensions), grad.new_empty(grad.shape[1])
+
+    torch.library.register_fake(op, _fake)
+    torch.library.register_fake(f"{op}_backward_input", _fake_backward_input)
+    torch.library.register_fake(f"{op}_backward_weight", _fake_backward_weight)
 
     @torch.library.impl(op, "CUDA")
     def _cuda(
@@ -165,9 +168,10 @@ def _register(name: str, dimensions: int) -> None:
         grad: Tensor, input: Tensor, weight: Tensor, stride: int, mask: list[bool]
     ) -> tuple[Tensor, Tensor, Tensor]:
         ones, zeros = [1] * dimensions, [0] * dimensions
-        return torch.ops.aten.convolution_backward(
+        grads: tuple[Tensor, Tensor, Tensor] = torch.ops.aten.convolution_backward(
             grad, input, weight, [grad.shape[1]], [stride] * dimensions, ones, ones, False, zeros, 1, mask
         )
+        return grads
 
     @torch.library.impl(f"{op}_backward_input", "CUDA")
     def _cuda_backward_input(grad: Tensor, weight: Tensor, input_size: list[int], stride: int) -> Tensor:
