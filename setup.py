@@ -1,6 +1,7 @@
 """Builds the native libraries: CMake knows the sources, this file only drives it."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -25,6 +26,7 @@ class CMakeBuild(build_ext):
             f"-S{ROOT}",
             f"-B{build}",
             "-GNinja",
+            f"-DCMAKE_MAKE_PROGRAM={shutil.which('ninja')}",  # an isolated build's own is gone when the next one starts
             f"-DANYNET_TORCH_DIR={Path(torch.__file__).parent}",
             f"-Dpybind11_DIR={pybind11.get_cmake_dir()}",
             f"-DPYTHON_EXECUTABLE={sys.executable}",
