@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library, reference  # noqa: F401  (loads the operators)
+from anynet_ext._register import register
 
 CHANNELS = 32
 
@@ -119,7 +120,7 @@ def _check(
 
 
 def _register(name: str, dimensions: int) -> None:
-    """Fake, CUDA, autograd and autocast of one of the two operators; they differ in dimensions only."""
+    """Registers one of the two operators; they differ in dimensions only."""
     op = f"anynet::{name}"
     backward_input = getattr(torch.ops.anynet, f"{name}_backward_input")
     backward_weight = getattr(torch.ops.anynet, f"{name}_backward_weight")
@@ -138,15 +139,20 @@ def _register(name: str, dimensions: int) -> None:
         sizes = [(size - 1) // stride + 1 for size in input.shape[2:]]
         return input.new_empty(input.shape[0], weight.shape[0], *sizes)
 
-    def _fake_backward_input(grad: Tensor, weight: Tensor, input_size: list[int], stride: int) -> Tensor:
+    def _fake_backward_input(
+        grad: Tensor, weight: Tensor, before: Tensor | None, input_size: list[int], stride: int
+    ) -> Tensor:
         return grad.new_empty(input_size)
 
-    def _fake_backward_weight(grad: Tensor, input: Tensor, stride: int) -> tuple[Tensor, Tensor]:
+    def _fake_backward_weight(
+        grad: Tensor, input: Tensor, scale: Tensor | None, shift: Tensor | None, stride: int, relu_in: bool
+    ) -> tuple[Tensor, Tensor]:
         return grad.new_empty(grad.shape[1], input.shape[1], *[3] * dimensions), grad.new_empty(grad.shape[1])
 
-    torch.library.register_fake(op, _fake)
-    torch.library.register_fake(f"{op}_backward_input", _fake_backward_input)
-    torch.library.register_fake(f"{op}_backward_weight", _fake_backward_weight)
+    def _affine(input: Tensor, scale: Tensor | None, shift: Tensor | None) -> Tensor:
+        if scale is None or shift is None:
+            return input
+        return input * scale.view(channels_last) + shift.view(channels_last)
 
     @torch.library.impl(op, "CUDA")
     def _cuda(
@@ -174,14 +180,21 @@ def _register(name: str, dimensions: int) -> None:
         return grads
 
     @torch.library.impl(f"{op}_backward_input", "CUDA")
-    def _cuda_backward_input(grad: Tensor, weight: Tensor, input_size: list[int], stride: int) -> Tensor:
+    def _cuda_backward_input(
+        grad: Tensor, weight: Tensor, before: Tensor | None, input_size: list[int], stride: int
+    ) -> Tensor:
         input = grad.new_empty(1).expand(input_size)  # only its shape counts
-        return _convolution_backward(grad, input, weight, stride, [True, False, False])[0].contiguous()
+        grad_input = _convolution_backward(grad, input, weight, stride, [True, False, False])[0].contiguous()
+        return grad_input if before is None else grad_input * (before > 0)
 
     @torch.library.impl(f"{op}_backward_weight", "CUDA")
-    def _cuda_backward_weight(grad: Tensor, input: Tensor, stride: int) -> tuple[Tensor, Tensor]:
+    def _cuda_backward_weight(
+        grad: Tensor, input: Tensor, scale: Tensor | None, shift: Tensor | None, stride: int, relu_in: bool
+    ) -> tuple[Tensor, Tensor]:
         weight = grad.new_empty(1).expand(grad.shape[1], input.shape[1], *[3] * dimensions)
-        _, grad_weight, grad_bias = _convolution_backward(grad, input, weight, stride, [False, True, True])
+        activated = _affine(input, scale, shift)
+        activated = activated.relu() if relu_in else activated
+        _, grad_weight, grad_bias = _convolution_backward(grad, activated, weight, stride, [False, True, True])
         return grad_weight.contiguous(), grad_bias
 
     def _setup_context(ctx: Any, inputs: tuple[Any, ...], output: Tensor) -> None:
@@ -193,18 +206,12 @@ def _register(name: str, dimensions: int) -> None:
         needs = ctx.needs_input_grad
         if output is not None:
             grad = grad * (output > 0)
-        activated = input
-        if scale is not None:
-            activated = activated * scale.view(channels_last) + shift.view(channels_last)
-        if ctx.relu_in:
-            activated = activated.relu()
         grad_input = grad_weight = grad_bias = grad_scale = grad_shift = None
         if needs[1] or needs[2]:
-            grad_weight, grad_bias = backward_weight(grad, activated, ctx.stride)
+            grad_weight, grad_bias = backward_weight(grad, input, scale, shift, ctx.stride, ctx.relu_in)
         if needs[0] or needs[3] or needs[4]:
-            grad_input = backward_input(grad, weight, input.shape, ctx.stride)
-            if ctx.relu_in:
-                grad_input = grad_input * (activated > 0)
+            before = _affine(input, scale, shift) if ctx.relu_in else None
+            grad_input = backward_input(grad, weight, before, input.shape, ctx.stride)
             if scale is not None:
                 pixels = [0, *range(2, input.dim())]
                 grad_scale, grad_shift = (grad_input * input).sum(pixels), grad_input.sum(pixels)
@@ -220,14 +227,14 @@ def _register(name: str, dimensions: int) -> None:
             None,
         )
 
-    def _backward_twice(ctx: Any, *grads: Tensor) -> None:
-        raise RuntimeError(f"{name}: second derivatives are not implemented")
-
-    torch.library.register_autograd(op, _backward, setup_context=_setup_context)
-    torch.library.register_autograd(f"{op}_backward_input", _backward_twice)
-    torch.library.register_autograd(f"{op}_backward_weight", _backward_twice)
-    for device in ("cpu", "cuda"):
-        torch.library.register_autocast(op, device, torch.float32)
+    register(
+        name,
+        fake=_fake,
+        fake_backward={"backward_input": _fake_backward_input, "backward_weight": _fake_backward_weight},
+        setup_context=_setup_context,
+        backward=_backward,
+        shared=("weight", "bias", "scale", "shift"),
+    )
 
 
 _register("conv3x3", 2)

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import torch
 from torch import Tensor
 
 
-def _vmap_rule(name: str) -> Callable[..., Any]:
-    """Every tensor's first dimension is the batch, so the mapped dimension is folded into it."""
-    op: Callable[..., Any] = getattr(torch.ops.anynet, name.split("::")[1])
+def _vmap_rule(name: str, shared: tuple[str, ...]) -> Callable[..., Any]:
+    """A tensor's first dimension is the batch, so the mapped one is folded into it; `shared` tensors have no batch."""
+    op: Any = getattr(torch.ops.anynet, name.split("::")[1])
+    arguments = [argument.name for argument in op.default._schema.arguments]
 
-    def fold(value: Any, dim: int | None, size: int) -> Any:
+    def fold(argument: str, value: Any, dim: int | None, size: int) -> Any:
         if not isinstance(value, Tensor):
+            return value
+        if argument in shared:
+            if dim is not None:
+                raise RuntimeError(f"{name}: vmap over {argument} is not supported, only over tensors with a batch")
             return value
         batched = value.expand(size, *value.shape) if dim is None else value.movedim(dim, 0)
         return batched.flatten(0, 1)
@@ -24,7 +29,7 @@ def _vmap_rule(name: str) -> Callable[..., Any]:
 
     def rule(info: Any, in_dims: tuple[int | None, ...], *args: Any) -> tuple[Any, Any]:
         size = info.batch_size
-        out = op(*[fold(value, dim, size) for value, dim in zip(args, in_dims, strict=True)])
+        out = op(*[fold(*each, size) for each in zip(arguments, args, in_dims, strict=True)])
         if isinstance(out, Tensor):
             return unfold(out, size), 0
         return tuple(unfold(t, size) for t in out), tuple(0 for _ in out)
@@ -43,22 +48,29 @@ def register(
     name: str,
     *,
     fake: Callable[..., Any],
-    fake_backward: Callable[..., Any],
+    fake_backward: Callable[..., Any] | Mapping[str, Callable[..., Any]],
     setup_context: Callable[..., None],
     backward: Callable[..., Any],
+    shared: tuple[str, ...] = (),
 ) -> None:
     """Gives the compiled operators `anynet::<name>` and `anynet::<name>_backward` all that PyTorch asks of them.
 
     Args:
-        fake, fake_backward: results of the right shape, dtype and layout, without data.
+        fake, fake_backward: results of the right shape, dtype and layout, without data. If the derivative is several
+            operators, `anynet::<name>_<key>` by key.
         setup_context, backward: as in `torch.library.register_autograd`.
+        shared: names of the tensors that have no batch dimension, over which vmap cannot map.
     """
-    forward_name, backward_name = f"anynet::{name}", f"anynet::{name}_backward"
+    forward_name = f"anynet::{name}"
+    backwards = fake_backward if isinstance(fake_backward, Mapping) else {"backward": fake_backward}
     torch.library.register_fake(forward_name, fake)
-    torch.library.register_fake(backward_name, fake_backward)
     torch.library.register_autograd(forward_name, backward, setup_context=setup_context)
-    torch.library.register_autograd(backward_name, _no_second_derivative(backward_name))
-    for each in (forward_name, backward_name):
-        torch.library.register_vmap(each, _vmap_rule(each))
+    torch.library.register_vmap(forward_name, _vmap_rule(forward_name, shared))
+    for key, fake_of_key in backwards.items():
+        backward_name = f"{forward_name}_{key}"
+        torch.library.register_fake(backward_name, fake_of_key)
+        torch.library.register_autograd(backward_name, _no_second_derivative(backward_name))
+        if not shared:  # else a result is a sum over the batch
+            torch.library.register_vmap(backward_name, _vmap_rule(backward_name, shared))
     for device in ("cpu", "cuda"):
         torch.library.register_autocast(forward_name, device, torch.float32)

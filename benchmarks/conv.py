@@ -107,8 +107,8 @@ def main() -> None:
                     operators = torch.ops.anynet
                     backward_input = getattr(operators, f"{name}_backward_input")
                     backward_weight = getattr(operators, f"{name}_backward_weight")
-                    times["input"] = median(backward_input, out, w, list(x.shape), stride)
-                    times["weight"] = median(backward_weight, out, x, stride)
+                    times["input"] = median(backward_input, out, w, None, list(x.shape), stride)
+                    times["weight"] = median(backward_weight, out, x, None, None, stride, False)
                 else:
                     times["torch"] = median(plain, x, w, None, stride, 1)
                     times["torch last"] = median(plain, x_last, w_last, None, stride, 1)

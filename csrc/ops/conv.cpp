@@ -68,38 +68,49 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
 }
 
 template <int64_t dimensions>
-Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::vector<int64_t> input_size, int64_t stride) {
+Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::optional<Tensor> before,
+                           std::vector<int64_t> input_size, int64_t stride) {
   Tensor grad_input = new_tensor(grad, input_size);
   check_conv_input(grad_input, dimensions, stride);
   check_conv_weight(weight, dimensions, input_size[1]);
   ANYNET_CHECK(
       sizes(grad) == conv_out_sizes(input_size, weight.size(0), stride) && grad.scalar_type() == weight.scalar_type(),
       conv_name(dimensions), ": expected grad of the output's shape and dtype, got ", shape(grad));
+  ANYNET_CHECK(!before || (sizes(*before) == input_size && before->scalar_type() == grad.scalar_type()),
+               conv_name(dimensions), ": expected before of the input's shape and dtype, got ", shape(*before));
   const Tensor g = contiguous(grad), w = contiguous(weight);
+  const auto x = contiguous_or_none(before);
   dispatch_conv(grad.scalar_type(), dimensions, [&](auto element) {
     using T = decltype(element);
     const ConvBackwardInput<T> args{conv_shape(input_size, weight.size(0), stride), data<T>(g), data<T>(w),
-                                    static_cast<T*>(grad_input.mutable_data_ptr())};
+                                    data<T>(x), static_cast<T*>(grad_input.mutable_data_ptr())};
     anynet::conv_backward_input(chosen_isa(), args, num_threads());
   });
   return grad_input;
 }
 
 template <int64_t dimensions>
-std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor& input, int64_t stride) {
+std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor& input, std::optional<Tensor> scale,
+                                                std::optional<Tensor> shift, int64_t stride, bool relu_in) {
   check_conv_input(input, dimensions, stride);
   ANYNET_CHECK(grad.dim() == input.dim() && grad.size(1) <= conv_channels &&
                    sizes(grad) == conv_out_sizes(sizes(input), grad.size(1), stride) &&
                    grad.scalar_type() == input.scalar_type(),
                conv_name(dimensions), ": expected grad of the output's shape and dtype for input ", shape(input),
                ", got ", shape(grad));
+  check_conv_vector(scale, "scale", dimensions, input.size(1), input.scalar_type());
+  check_conv_vector(shift, "shift", dimensions, input.size(1), input.scalar_type());
+  ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),
+               ": expected both or none of scale and shift");
   const Tensor g = contiguous(grad), x = contiguous(input);
+  const auto s = contiguous_or_none(scale), t = contiguous_or_none(shift);
   std::vector<int64_t> weight_sizes(input.dim(), 3);
   weight_sizes[0] = grad.size(1), weight_sizes[1] = input.size(1);
   Tensor grad_weight = new_tensor(grad, weight_sizes), grad_bias = new_tensor(grad, {grad.size(1)});
   dispatch_conv(grad.scalar_type(), dimensions, [&](auto element) {
     using T = decltype(element);
     const ConvBackwardWeight<T> args{conv_shape(sizes(input), grad.size(1), stride), data<T>(g), data<T>(x),
+                                     data<T>(s), data<T>(t), relu_in,
                                      static_cast<T*>(grad_weight.mutable_data_ptr()),
                                      static_cast<T*>(grad_bias.mutable_data_ptr())};
     anynet::conv_backward_weight(chosen_isa(), args, num_threads());
@@ -115,9 +126,11 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
                   "bool relu_out) -> Tensor")
               .c_str(),
           {at::Tag::pt2_compliant_tag});
-    m.def((name + "_backward_input(Tensor grad, Tensor weight, SymInt[] input_size, int stride) -> Tensor").c_str(),
+    m.def((name + "_backward_input(Tensor grad, Tensor weight, Tensor? before, SymInt[] input_size, int stride) -> Tensor").c_str(),
           {at::Tag::pt2_compliant_tag});
-    m.def((name + "_backward_weight(Tensor grad, Tensor input, int stride) -> (Tensor, Tensor)").c_str(),
+    m.def((name + "_backward_weight(Tensor grad, Tensor input, Tensor? scale, Tensor? shift, int stride, bool relu_in) "
+                  "-> (Tensor, Tensor)")
+              .c_str(),
           {at::Tag::pt2_compliant_tag});
   }
 }

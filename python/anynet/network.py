@@ -97,6 +97,11 @@ class Refinement(nn.Module):
         )
         self.expand = Convolution(1, c)
         self.reduce = Convolution(c, 1)
+        # Begins as nearly the identity: from random scales, the first hundreds of steps go into unlearning them.
+        for layer, gain in ((self.expand, 1.0), (self.reduce, 1 / c)):
+            nn.init.normal_(layer.weight, std=0.1 * gain)
+            with torch.no_grad():
+                layer.weight[:, :, 1, 1] += gain
 
     def gates(self, image: Tensor) -> Tensor:
         """[N,3,H,W] -> [N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
@@ -131,6 +136,9 @@ class AnyNet(nn.Module):
             chain([1] + [c] * (self.config.cost_layers + 1) + [1], dims=3) for c in self.config.cost_channels
         )
         self.refinement = Refinement(self.config)
+        for cost_net in self.cost_nets:  # begins undecided: small costs, so that no random one wins the softmax
+            with torch.no_grad():
+                cost_net[-1].conv.weight *= 0.1
 
     def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
         """The first `stages` estimates (default: all), each [N, 1, H, W]; differentiable."""

@@ -64,9 +64,10 @@ void test(const ConvShape& s, bool fused) {
         if (iz < 0 || iy < 0 || ix < 0 || iz >= s.depth || iy >= s.height || ix >= s.width) continue;
         const int64_t from = (n * s.in_channels + c) * in_plane + (iz * s.height + iy) * s.width + ix;
         const int64_t w = (o * s.in_channels + c) * taps + t;
-        out[i] += weight[w] * (fused ? std::max(T(0), scale[c] * input[from] + shift[c]) : input[from]);
-        grad_input[from] += weight[w] * grad[i];
-        grad_weight[w] += input[from] * grad[i];
+        const T active = fused ? std::max(T(0), scale[c] * input[from] + shift[c]) : input[from];
+        out[i] += weight[w] * active;
+        if (!fused || input[from] > 0) grad_input[from] += weight[w] * grad[i];
+        grad_weight[w] += active * grad[i];
       }
     }
     if (fused) out[i] = std::max(T(0), out[i]);
@@ -82,12 +83,17 @@ void test(const ConvShape& s, bool fused) {
         3);
     expect_near("conv", isa, s, result, out);
     std::vector<T> input_result(input.size());
-    anynet::conv_backward_input(isa, anynet::ConvBackwardInput<T>{s, grad.data(), weight.data(), input_result.data()},
+    anynet::conv_backward_input(isa,
+                                anynet::ConvBackwardInput<T>{s, grad.data(), weight.data(),
+                                                             fused ? input.data() : nullptr, input_result.data()},
                                 3);
     expect_near("conv_backward_input", isa, s, input_result, grad_input);
     std::vector<T> weight_result(weight.size()), bias_result(bias.size());
     anynet::conv_backward_weight(
-        isa, anynet::ConvBackwardWeight<T>{s, grad.data(), input.data(), weight_result.data(), bias_result.data()}, 3);
+        isa,
+        anynet::ConvBackwardWeight<T>{s, grad.data(), input.data(), fused ? scale.data() : nullptr,
+                                      fused ? shift.data() : nullptr, fused, weight_result.data(), bias_result.data()},
+        3);
     expect_near("conv_backward_weight", isa, s, weight_result, grad_weight);
     expect_near("conv_backward_weight (bias)", isa, s, bias_result, grad_bias);
   }

@@ -170,10 +170,17 @@ def test_kernels(isa: Any, dtype: torch.dtype, stride: int, sizes: tuple[int, ..
         grad = torch.randn(plain.shape, generator=torch.Generator().manual_seed(0), dtype=dtype)
         grads = torch.autograd.grad(plain, [leaves[name] for name in ("input", "weight", "bias")], grad)
         g = volume({"grad": grad}, "grad")
-        grad_input = _kernels.conv_backward_input(isa, g, w, list(x.shape), stride, 2)
-        grad_weight, grad_bias = _kernels.conv_backward_weight(isa, g, x, w.shape[2], stride, 2)
+        grad_input = _kernels.conv_backward_input(isa, g, w, None, list(x.shape), stride, 2)
+        grad_weight, grad_bias = _kernels.conv_backward_weight(isa, g, x, None, None, w.shape[2], stride, False, 2)
         for ours, theirs in zip((grad_input, grad_weight, grad_bias), grads, strict=True):
             torch.testing.assert_close(torch.from_numpy(ours).reshape(theirs.shape), theirs, **tolerance)
+
+        fused = _kernels.conv_backward_input(isa, g, w, x, list(x.shape), stride, 2)  # a ReLU that saw x came before
+        assert np.array_equal(fused, np.where(x > 0, grad_input, 0))
+        fused, _ = _kernels.conv_backward_weight(isa, g, x, *vectors[1:], w.shape[2], stride, True, 2)
+        activated = np.maximum(x * vectors[1].reshape(1, -1, 1, 1, 1) + vectors[2].reshape(1, -1, 1, 1, 1), 0)
+        apart, _ = _kernels.conv_backward_weight(isa, g, activated, None, None, w.shape[2], stride, False, 2)
+        torch.testing.assert_close(torch.from_numpy(fused), torch.from_numpy(apart), **tolerance)
 
 
 @pytest.mark.parametrize("isa", ISAS, ids=lambda isa: isa.name)
@@ -184,8 +191,9 @@ def test_threads_do_not_change_a_bit(isa: Any, stride: int) -> None:
     results = []
     for threads in (1, 2, 3, 5, 5):
         out = _kernels.conv(isa, x, w, None, None, None, stride, False, False, threads)
-        grad_input = _kernels.conv_backward_input(isa, out, w, list(x.shape), stride, threads)
-        results.append((out, grad_input, *_kernels.conv_backward_weight(isa, out, x, 3, stride, threads)))
+        grad_input = _kernels.conv_backward_input(isa, out, w, x, list(x.shape), stride, threads)
+        grads = _kernels.conv_backward_weight(isa, out, x, None, None, 3, stride, True, threads)
+        results.append((out, grad_input, *grads))
     for other in results[1:]:
         for a, b in zip(results[0], other, strict=True):
             assert np.array_equal(a, b)
@@ -240,8 +248,26 @@ def test_opcheck(dimensions: int) -> None:
     torch.library.opcheck(getattr(operators, name).default, (*tensors.values(), 2, True, True))
     input, weight = tensors["input"].detach(), tensors["weight"].detach()
     grad = OPERATORS[dimensions](input, weight)
-    torch.library.opcheck(getattr(operators, f"{name}_backward_input").default, (grad, weight, list(input.shape), 1))
-    torch.library.opcheck(getattr(operators, f"{name}_backward_weight").default, (grad, input, 1))
+    for before in (None, input):
+        arguments = (grad, weight, before, list(input.shape), 1)
+        torch.library.opcheck(getattr(operators, f"{name}_backward_input").default, arguments)
+    scale, shift = tensors["scale"].detach(), tensors["shift"].detach()
+    torch.library.opcheck(getattr(operators, f"{name}_backward_weight").default, (grad, input, scale, shift, 1, True))
+
+
+def test_vmap() -> None:
+    tensors = make((6, 20), (3, 4))
+    stack = torch.stack([tensors["input"], 2 * tensors["input"]], 1).requires_grad_()
+
+    def run(input: Tensor) -> Tensor:
+        return anynet_ext.conv3x3(input, tensors["weight"], tensors["bias"], relu_in=True)
+
+    mapped, looped = torch.vmap(run, in_dims=1)(stack), torch.stack([run(input) for input in stack.unbind(1)])
+    assert torch.equal(mapped, looped)
+    grad = torch.randn_like(mapped)
+    torch.testing.assert_close(torch.autograd.grad(mapped, stack, grad), torch.autograd.grad(looped, stack, grad))
+    with pytest.raises(RuntimeError, match="vmap over weight is not supported"):
+        torch.vmap(lambda w: anynet_ext.conv3x3(tensors["input"], w))(torch.stack([tensors["weight"]] * 2))
 
 
 @pytest.mark.slow

@@ -37,6 +37,7 @@ struct ConvBackwardInput {
   ConvShape shape;
   const T* grad;    // [N,O,D',H',W'], contiguous
   const T* weight;  // [O,C,kd,3,3], contiguous
+  const T* before;  // [N,C,D,H,W], contiguous, or nullptr: what the ReLU before the convolution saw
   T* grad_input;    // [N,C,D,H,W], contiguous
 };
 
@@ -45,6 +46,9 @@ struct ConvBackwardWeight {
   ConvShape shape;
   const T* grad;   // [N,O,D',H',W'], contiguous
   const T* input;  // [N,C,D,H,W], contiguous
+  const T* scale;  // [C] or nullptr, as in Conv
+  const T* shift;  // [C]
+  bool relu_in;
   T* grad_weight;  // [O,C,kd,3,3], contiguous
   T* grad_bias;    // [O], or nullptr
 };

@@ -87,6 +87,21 @@ struct Source {
 template <class T>
 constexpr auto identity = [](int64_t) { return [](T v) { return v; }; };
 
+/// What `a` (Conv or ConvBackwardWeight) does to the elements of each row of its input before it convolves them.
+template <class T, class Args>
+auto activation(const Args& a) {
+  const int64_t rows = a.shape.depth * a.shape.height, channels = a.shape.in_channels;
+  const T lowest = a.relu_in ? T(0) : -std::numeric_limits<T>::infinity();
+  return [=](int64_t row) {
+    const int64_t c = row / rows % channels;
+    const T scale = a.scale == nullptr ? T(1) : a.scale[c], shift = a.scale == nullptr ? T(0) : a.shift[c];
+    return [=](T v) {
+      v = scale * v + shift;
+      return v < lowest ? lowest : v;  // keeps NaN
+    };
+  };
+}
+
 /// A convolution of output rows: the forward pass, or the gradient of the input as the convolution of the gradient
 /// with the kernel turned around. Output position o reads position o * stride + tap - 1 of an input whose elements are
 /// `dilation` apart, with zeros between them; stride or dilation is 1.
@@ -166,6 +181,7 @@ struct Target {
   int64_t in_width;
   const T* bias;  // or nullptr
   bool relu;
+  const T* positive;  // of out's layout, or nullptr: results where this is not positive become 0
 };
 
 /// The pixels `stride` apart from `p` on. Those outside `on` (of the elements of p's vector, or of the next one with
@@ -243,12 +259,18 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
     for (int o = 0; o < CO; ++o) {
 #pragma GCC unroll 8
       for (int v = 0; v < V; ++v) {
-        const vec<T> value = target.relu ? (sum[r][o][v] < vec<T>{} ? vec<T>{} : sum[r][o][v]) : sum[r][o][v];
-        T* out = target.out + o * target.plane + r * target.width + (v == V - 1 ? last : x + v * L);
-        if (V == 1 && target.width < L) {
-          std::memcpy(out, &value, target.width * sizeof(T));
+        vec<T> value = target.relu ? (sum[r][o][v] < vec<T>{} ? vec<T>{} : sum[r][o][v]) : sum[r][o][v];
+        const int64_t at = o * target.plane + r * target.width + (v == V - 1 ? last : x + v * L);
+        const int64_t size = V == 1 ? std::min<int64_t>(target.width, L) : L;
+        if (target.positive != nullptr) {
+          vec<T> positive{};
+          std::memcpy(&positive, target.positive + at, size * sizeof(T));
+          value = positive > vec<T>{} ? value : vec<T>{};
+        }
+        if (size < L) {
+          std::memcpy(target.out + at, &value, size * sizeof(T));
         } else {
-          store(out, value);
+          store(target.out + at, value);
         }
       }
     }
@@ -304,8 +326,8 @@ Vector<T> pack(const Geometry& g, const Weight& weight) {
 }
 
 template <class T>
-void convolve(const Geometry& g, const Source<T>& source, const Vector<T>& weights, const T* bias, bool relu, T* out,
-              int threads) {
+void convolve(const Geometry& g, const Source<T>& source, const Vector<T>& weights, const T* bias, bool relu,
+              const T* positive, T* out, int threads) {
   const int64_t vectors = vectors_in<T>(g.out_width), groups = (g.out_height + max_rows - 1) / max_rows;
   const int64_t stride = source.padded ? 1 : g.stride;
   parallel_for(g.batch * g.out_depth * groups, threads, [&](int64_t unit) {
@@ -322,7 +344,7 @@ void convolve(const Geometry& g, const Source<T>& source, const Vector<T>& weigh
       window.plane[window.planes] = plane * g.in_height * source.pitch;
       window.kz[window.planes++] = kz;
     }
-    Target<T> target{nullptr, g.out_rows() * g.out_width, g.out_width, g.in_width, nullptr, relu};
+    Target<T> target{nullptr, g.out_rows() * g.out_width, g.out_width, g.in_width, nullptr, relu, nullptr};
     for (int64_t o = 0, size; o < g.out_channels; o += size) {
       size = block_at(o, g.out_channels, max_channels);
       target.bias = bias == nullptr ? nullptr : bias + o;
@@ -335,7 +357,9 @@ void convolve(const Geometry& g, const Source<T>& source, const Vector<T>& weigh
           const int64_t row = g.row(y + (i > 2 ? i - 2 : 0), i > 2 ? 2 : i);
           window.row[i] = row < 0 ? -1 : row * source.pitch;
         }
-        target.out = out + (n * g.out_channels + o) * target.plane + (z * g.out_height + y) * g.out_width;
+        const int64_t at = (n * g.out_channels + o) * target.plane + (z * g.out_height + y) * g.out_width;
+        target.out = out + at;
+        if (positive != nullptr) target.positive = positive + at;
         for (int64_t run = 0; run < runs; ++run) {
           const int64_t first = vectors * run / runs, next = vectors * (run + 1) / runs;
           pick<T>(size, rows, next - first, stride)(window, vector_start<T>(first, g.out_width),
@@ -409,19 +433,10 @@ void conv(const Conv<T>& a, int available) {
   const int64_t size = g.in_channels * g.taps() * 3, depth = g.taps() * 3;
   const auto weights = pack<T>(g, [&](int64_t o, int64_t c, int64_t t) { return a.weight[o * size + c * depth + t]; });
   const bool direct = a.scale == nullptr && !a.relu_in && g.out_width >= lanes<T>;
-  const auto activate = [&](int64_t row) {
-    const int64_t c = row / g.in_rows() % g.in_channels;
-    const T scale = a.scale == nullptr ? T(1) : a.scale[c], shift = a.scale == nullptr ? T(0) : a.shift[c];
-    const T lowest = a.relu_in ? T(0) : -std::numeric_limits<T>::infinity();
-    return [=](T v) {
-      v = scale * v + shift;
-      return v < lowest ? lowest : v;  // keeps NaN
-    };
-  };
   const Source<T> source = direct ? Source<T>(a.input, g.in_width)
                                   : Source<T>(a.input, g.batch * g.in_channels * g.in_rows(), g.in_width, g.out_width,
-                                              g.stride, 1, threads, activate);
-  convolve(g, source, weights, a.bias, a.relu_out, a.out, threads);
+                                              g.stride, 1, threads, activation<T>(a));
+  convolve(g, source, weights, a.bias, a.relu_out, static_cast<const T*>(nullptr), a.out, threads);
 }
 
 template <class T>
@@ -435,7 +450,7 @@ void conv_backward_input(const ConvBackwardInput<T>& a, int available) {
   const Source<T> source = direct ? Source<T>(a.grad, g.in_width)
                                   : Source<T>(a.grad, g.batch * g.in_channels * g.in_rows(), g.in_width, g.out_width, 1,
                                               g.dilation, threads, identity<T>);
-  convolve(g, source, weights, static_cast<const T*>(nullptr), false, a.grad_input, threads);
+  convolve(g, source, weights, static_cast<const T*>(nullptr), false, a.before, a.grad_input, threads);
 }
 
 template <class T>
@@ -443,9 +458,10 @@ void conv_backward_weight(const ConvBackwardWeight<T>& a, int available) {
   const Geometry g(a.shape);
   const int threads = g.threads(available);
   const int64_t W = g.out_width, depth = g.taps() * 3, size = g.in_channels * depth;
-  const Source<T> input = g.stride == 1 && W >= lanes<T> ? Source<T>(a.input, g.in_width)
-                                                         : Source<T>(a.input, g.batch * g.in_channels * g.in_rows(),
-                                                                     g.in_width, W, g.stride, 1, threads, identity<T>);
+  const bool direct = a.scale == nullptr && !a.relu_in && g.stride == 1 && W >= lanes<T>;
+  const Source<T> input = direct ? Source<T>(a.input, g.in_width)
+                                 : Source<T>(a.input, g.batch * g.in_channels * g.in_rows(), g.in_width, W, g.stride, 1,
+                                             threads, activation<T>(a));
   const Source<T> grad =
       W >= lanes<T> ? Source<T>(a.grad, W)
                     : Source<T>(a.grad, g.batch * g.out_channels * g.out_rows(), W, W, 1, 1, threads, identity<T>);

@@ -83,7 +83,7 @@ def _photometric(images: tuple[Image, Image], rng: Rng) -> tuple[Image, Image]:
     """Exposure, gamma, contrast and colour, mostly shared by the eyes, partly each its own; channels permuted."""
     order = rng.permutation(3) if rng.random() < 0.5 else np.arange(3)
     gain, gamma, contrast = np.exp(rng.normal(0, 0.18)), np.exp(rng.normal(0, 0.2)), rng.uniform(0.7, 1.2)
-    apart = rng.choice([0.0, 1.0, 2.5], p=[0.3, 0.5, 0.2])
+    apart = rng.choice([0.0, 1.0, 2.0], p=[0.5, 0.4, 0.1])
     changed = []
     for image in images:
         own = np.exp(rng.normal(0, 0.05, 3) * apart + rng.normal(0, 0.04) * apart)
