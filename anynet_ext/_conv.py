@@ -65,7 +65,11 @@ def conv3x3x3(
     relu_in: bool = False,
     relu_out: bool = False,
 ) -> Tensor:
-    """`conv3x3` with one dimension more: input [N, C, D, H, W], weight [O, C, 3, 3, 3], padding 1 all round."""
+    """`conv3x3` with one dimension more: input [N, C, D, H, W], weight [O, C, 3, 3, 3], padding 1 all round.
+
+    float32 layers of 8 channels and more, in and out, use Winograd's algorithm: an input that is NaN or infinite then
+    makes a few outputs beside those that see it NaN, too.
+    """
     _check("conv3x3x3", 3, input, weight, bias, stride, scale, shift)
     out: Tensor = torch.ops.anynet.conv3x3x3(input, weight, bias, scale, shift, stride, relu_in, relu_out)
     return out

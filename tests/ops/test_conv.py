@@ -94,6 +94,16 @@ def test_every_combination(dimensions: int, bias: bool, affine: bool, relu_in: b
         check(tensors, stride=stride, relu_in=relu_in, relu_out=relu_out)
 
 
+@pytest.mark.parametrize("width", [16, 17, 31, 48, 77])
+@pytest.mark.parametrize("height", [1, 2, 3, 8])
+@pytest.mark.parametrize("depth", [1, 2, 5])
+def test_tiles(depth: int, height: int, width: int) -> None:
+    """Layers of many channels go another way (Winograd's), also at the edges of the volume."""
+    for channels, affine in (((8, 8), False), ((9, 12), True), ((16, 16), False)):
+        tensors = make((depth, height, width), channels, dtype=torch.float32, affine=affine)
+        check(tensors, relu_in=affine, relu_out=not affine)
+
+
 @pytest.mark.parametrize("dimensions", [2, 3])
 def test_empty_batch(dimensions: int) -> None:
     tensors = make((3, 5, 19)[-dimensions:], (3, 6), batch=0)
@@ -156,7 +166,7 @@ def volume(tensors: dict[str, Tensor], name: str) -> np.ndarray:
 @pytest.mark.parametrize("stride", [1, 2])
 @pytest.mark.parametrize("sizes", [(3, 2), (9, 5), (5, 16), (6, 37), (2, 3, 21), (3, 5, 80)])
 def test_kernels(isa: Any, dtype: torch.dtype, stride: int, sizes: tuple[int, ...]) -> None:
-    for channels in ((3, 1), (5, 2), (2, 4), (3, 15)):
+    for channels in ((3, 1), (5, 2), (2, 4), (3, 15), (8, 9)):
         tensors = make(sizes, channels, dtype=dtype)
         leaves = {name: t.clone().requires_grad_() for name, t in tensors.items()}
         expected = reference.conv3x3(**leaves, stride=stride, relu_in=True, relu_out=True)
@@ -186,17 +196,18 @@ def test_kernels(isa: Any, dtype: torch.dtype, stride: int, sizes: tuple[int, ..
 @pytest.mark.parametrize("isa", ISAS, ids=lambda isa: isa.name)
 @pytest.mark.parametrize("stride", [1, 2])
 def test_threads_do_not_change_a_bit(isa: Any, stride: int) -> None:
-    tensors = make((7, 23, 77), (5, 7), dtype=torch.float32, batch=3)  # large enough to be worth the threads
-    x, w = volume(tensors, "input"), volume(tensors, "weight")
-    results = []
-    for threads in (1, 2, 3, 5, 5):
-        out = _kernels.conv(isa, x, w, None, None, None, stride, False, False, threads)
-        grad_input = _kernels.conv_backward_input(isa, out, w, x, list(x.shape), stride, threads)
-        grads = _kernels.conv_backward_weight(isa, out, x, None, None, 3, stride, True, threads)
-        results.append((out, grad_input, *grads))
-    for other in results[1:]:
-        for a, b in zip(results[0], other, strict=True):
-            assert np.array_equal(a, b)
+    for channels in ((5, 7), (8, 9)):
+        tensors = make((7, 23, 77), channels, dtype=torch.float32, batch=3)  # large enough to be worth the threads
+        x, w = volume(tensors, "input"), volume(tensors, "weight")
+        results = []
+        for threads in (1, 2, 3, 5, 5):
+            out = _kernels.conv(isa, x, w, None, None, None, stride, False, False, threads)
+            grad_input = _kernels.conv_backward_input(isa, out, w, x, list(x.shape), stride, threads)
+            grads = _kernels.conv_backward_weight(isa, out, x, None, None, 3, stride, True, threads)
+            results.append((out, grad_input, *grads))
+        for other in results[1:]:
+            for a, b in zip(results[0], other, strict=True):
+                assert np.array_equal(a, b)
 
 
 # ------------------------------------------------------------------------------------------------- errors and PyTorch

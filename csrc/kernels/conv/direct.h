@@ -1,0 +1,355 @@
+// The direct kernel: a block of output channels x a run of pixel vectors of one output row stays in registers while the
+// rows that it reads go by (`block`). Output rows are independent, so the threads share them.
+//
+// Rows are read where they are. The last vector of a row ends where the row ends, and computes some pixels of the
+// vector before it again; columns -1 and W are zeros shifted into the first and last vector. Only what this cannot
+// express is first copied to padded rows (`Source`): stride 2, the affine and ReLU of the input, and rows shorter than
+// a vector.
+#pragma once
+
+#include <algorithm>
+#include <utility>
+
+#include "../common/parallel.h"
+#include "../common/simd.h"
+#include "../common/vector.h"
+#include "conv.h"
+
+namespace anynet::ANYNET_ISA {
+namespace {
+
+constexpr int registers = vector_bytes == 64 ? 32 : 16;
+constexpr int max_channels = registers / 4;  // of a block
+constexpr int64_t chunks = 64;               // about as many partial sums of the weights' gradient
+
+template <class T>
+using lane_sequence = std::make_integer_sequence<int, lanes<T>>;
+
+/// Keeps the compiler from reading through `p` before it has computed `v`, where it would run out of registers.
+template <class T>
+ANYNET_INLINE void read_after(const T*& p, vec<T>& v) {
+#if defined(__x86_64__)
+  asm("" : "+r"(p), "+v"(v));
+#elif defined(__aarch64__)
+  asm("" : "+r"(p), "+w"(v));
+#endif
+}
+
+/// How many vectors cover a row, the last one moved back to end where the row ends.
+template <class T>
+int64_t vectors_in(int64_t width) {
+  return (width + lanes<T> - 1) / lanes<T>;
+}
+template <class T>
+int64_t vector_start(int64_t index, int64_t width) {
+  return std::max<int64_t>(0, std::min<int64_t>(index * lanes<T>, width - lanes<T>));
+}
+
+/// A tensor's rows as the kernels read them: output column x sees through kx the element column[kx] + x of a row.
+template <class T>
+struct Source {
+  const T* data;
+  int64_t pitch;  // from a row to the next
+  int64_t column[3];
+  bool padded;  // false: the tensor itself, in which columns -1 and W do not exist
+  Vector<T> copy;
+
+  /// The tensor itself.
+  Source(const T* tensor, int64_t width) : data(tensor), pitch(width), column{-1, 0, 1}, padded(false) {}
+
+  /// activate(row)(element) of each element, for rows of `reach` output columns. With stride 2 the odd columns come
+  /// first, then the even ones; with dilation 2 there are zeros between the elements.
+  template <class F>
+  Source(const T* tensor, int64_t rows, int64_t width, int64_t reach, int64_t stride, int64_t dilation, int threads,
+         const F& activate)
+      : padded(true) {
+    const int64_t half = (vectors_in<T>(reach) + 1) * lanes<T>;
+    pitch = half * stride;
+    column[0] = 0, column[1] = stride == 2 ? half : 1, column[2] = stride == 2 ? 1 : 2;
+    copy.resize(rows * pitch);
+    data = copy.data();
+    parallel_for(rows, threads, [&](int64_t r) {
+      const T* from = tensor + r * width;
+      T* to = copy.data() + r * pitch;
+      const auto f = activate(r);
+      if (stride == 2) {
+        for (int64_t x = 1; x < width; x += 2) to[1 + x / 2] = f(from[x]);
+        for (int64_t x = 0; x < width; x += 2) to[half + x / 2] = f(from[x]);
+      } else {
+        for (int64_t x = 0; x < width; ++x) to[1 + x * dilation] = f(from[x]);
+      }
+    });
+  }
+};
+
+/// A convolution of output rows: the forward pass, or the gradient of the input as the convolution of the gradient
+/// with the kernel turned around. Output position o reads position o * stride + tap - 1 of an input whose elements are
+/// `dilation` apart, with zeros between them; stride or dilation is 1.
+struct Geometry {
+  int64_t batch, in_channels, out_channels, kernel_depth, stride, dilation;
+  int64_t in_depth, in_height, in_width;
+  int64_t out_depth, out_height, out_width;
+
+  explicit Geometry(const ConvShape& s)
+      : batch(s.batch),
+        in_channels(s.in_channels),
+        out_channels(s.out_channels),
+        kernel_depth(s.kernel_depth),
+        stride(s.stride),
+        dilation(1),
+        in_depth(s.depth),
+        in_height(s.height),
+        in_width(s.width),
+        out_depth(kernel_depth == 1 ? s.depth : strided(s.depth)),
+        out_height(strided(s.height)),
+        out_width(strided(s.width)) {}
+
+  Geometry backward() const {
+    Geometry g = *this;
+    std::swap(g.in_channels, g.out_channels);
+    std::swap(g.stride, g.dilation);
+    std::swap(g.in_depth, g.out_depth);
+    std::swap(g.in_height, g.out_height);
+    std::swap(g.in_width, g.out_width);
+    return g;
+  }
+
+  int64_t strided(int64_t size) const { return (size + stride - 1) / stride; }
+  /// As many threads as the work is worth waking.
+  int threads(int available) const {
+    return useful_threads(batch * out_channels * out_rows() * out_width * in_channels * taps() * 3 / 8, available);
+  }
+  int64_t taps() const { return 3 * kernel_depth; }
+  int64_t in_rows() const { return in_depth * in_height; }
+  int64_t out_rows() const { return out_depth * out_height; }
+
+  /// The position in an input of `size` that output position `o` reads through tap `t`, or -1.
+  int64_t tap(int64_t o, int64_t t, int64_t size) const {
+    const int64_t i = o * stride + t - 1;
+    return i < 0 || i % dilation != 0 || i / dilation >= size ? -1 : i / dilation;
+  }
+  int64_t plane(int64_t z, int64_t kz) const { return kernel_depth == 1 ? z : tap(z, kz, in_depth); }
+  int64_t row(int64_t y, int64_t ky) const { return tap(y, ky, in_height); }
+};
+
+// --------------------------------------------------------------------------------- forward and gradient of the input
+
+constexpr int max_rows = 4;
+
+/// As many output rows as share a block whose channels alone would leave registers free.
+constexpr int rows_beside(int channels) { return std::min(max_rows, max_channels / channels); }
+/// As many vectors as fit, besides one register for a weight and, per vector, one for a tap's pixels.
+constexpr int vectors_beside(int channels) { return std::min(6, (registers - 1) / (channels + 1)); }
+
+/// What a block reads: plane[k] (weights kz[k]) and in it row[i], of each channel.
+template <class T>
+struct Window {
+  const T* data;
+  int64_t channel, channels;  // from one to the next, and how many
+  int64_t planes, plane[3], kz[3];
+  int64_t row[max_rows + 2];  // or -1: outside the image
+  int64_t column[3];
+  int64_t kernel;  // weights of a channel: taps x 3
+  bool padded;     // if not, columns -1 and W are missing
+};
+
+/// Where a block's results go.
+template <class T>
+struct Target {
+  T* out;                // the first row of the block's first channel
+  int64_t plane, width;  // from a channel to the next; of the image
+  int64_t in_width;
+  const T* bias;  // or nullptr
+  bool relu;
+  const T* positive;  // of out's layout, or nullptr: results where this is not positive become 0
+};
+
+/// The pixels `stride` apart from `p` on. Those outside `on` (of the elements of p's vector, or of the next one with
+/// stride 2) are 0, and their memory is not touched.
+template <int stride, class T, int... I>
+ANYNET_INLINE vec<T> load_pixels(const T* p, LaneRange<T> first, LaneRange<T> second,
+                                 std::integer_sequence<int, I...>) {
+  if constexpr (stride == 1) return load(p, first);
+  return __builtin_shufflevector(load(p, first), load(p + lanes<T>, second), 2 * I...);
+}
+
+/// CO output channels x R rows x V vectors at columns x, x + lanes, ..., `last`.
+/// weight: [channel][kz][ky][kx][CO]
+template <class T, int CO, int R, int V, int stride>
+void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, const Target<T>& target) {
+  constexpr int L = lanes<T>;
+  vec<T> sum[R][CO][V];
+#pragma GCC unroll 8
+  for (int r = 0; r < R; ++r) {
+#pragma GCC unroll 8
+    for (int o = 0; o < CO; ++o) {
+#pragma GCC unroll 8
+      for (int v = 0; v < V; ++v) sum[r][o][v] = splat(target.bias == nullptr ? T(0) : target.bias[o]);
+    }
+  }
+  // Elements that a vector load may read: all, and for stride 2 all but the last of the second vector, which no tap
+  // needs; at the ends of a row one less.
+  const bool left = !window.padded && x == 0;
+  const bool right = !window.padded && stride * (last + L) > target.in_width - (stride == 1);
+  const LaneRange<T> all(0, L), left_lanes(left ? 1 : 0, L), second(0, L - 1);
+  const LaneRange<T> right_lanes(0, stride == 1 && right ? L - 1 : L), right_second(0, right ? L - 2 : L - 1);
+  for (int64_t c = 0; c < window.channels; ++c) {
+    for (int64_t k = 0; k < window.planes; ++k) {
+      const T* plane = window.data + c * window.channel + window.plane[k] + stride * x;
+      const T* w = weight + (c * window.kernel + window.kz[k] * 9) * CO;
+#pragma GCC unroll 8
+      for (int i = 0; i < R + 2; ++i) {
+        if (window.row[i] < 0) continue;
+#pragma GCC unroll 3
+        for (int kx = 0; kx < 3; ++kx) {
+          const T* from = plane + window.row[i] + window.column[kx];
+          read_after(from, sum[0][0][0]);
+          vec<T> pixels[V];
+#pragma GCC unroll 8
+          for (int v = 0; v < V; ++v) {
+            const T* at = from + stride * (v == V - 1 ? last - x : v * L);
+            if (stride == 1 && (v > 0 || kx > 0) && (v < V - 1 || kx < 2)) {
+              pixels[v] = load(at);
+            } else {
+              pixels[v] = load_pixels<stride>(at,
+                                              v == 0 && kx == 0       ? left_lanes
+                                              : v == V - 1 && kx == 2 ? right_lanes
+                                                                      : all,
+                                              v == V - 1 && kx == 2 ? right_second : second, lane_sequence<T>{});
+            }
+          }
+#pragma GCC unroll 8
+          for (int r = 0; r < R; ++r) {
+            if (r > i || r + 2 < i) continue;
+#pragma GCC unroll 8
+            for (int o = 0; o < CO; ++o) {
+              const vec<T> wo = splat(w[((i - r) * 3 + kx) * CO + o]);
+#pragma GCC unroll 8
+              for (int v = 0; v < V; ++v) sum[r][o][v] += wo * pixels[v];
+              read_after(w, sum[r][o][V - 1]);
+            }
+          }
+        }
+      }
+    }
+  }
+#pragma GCC unroll 8
+  for (int r = 0; r < R; ++r) {
+#pragma GCC unroll 8
+    for (int o = 0; o < CO; ++o) {
+#pragma GCC unroll 8
+      for (int v = 0; v < V; ++v) {
+        vec<T> value = target.relu ? (sum[r][o][v] < vec<T>{} ? vec<T>{} : sum[r][o][v]) : sum[r][o][v];
+        const int64_t at = o * target.plane + r * target.width + (v == V - 1 ? last : x + v * L);
+        const int64_t size = V == 1 ? std::min<int64_t>(target.width, L) : L;
+        if (target.positive != nullptr) {
+          vec<T> positive{};
+          std::memcpy(&positive, target.positive + at, size * sizeof(T));
+          value = positive > vec<T>{} ? value : vec<T>{};
+        }
+        if (size < L) {
+          std::memcpy(target.out + at, &value, size * sizeof(T));
+        } else {
+          store(target.out + at, value);
+        }
+      }
+    }
+  }
+}
+
+template <class T>
+using Block = void (*)(const Window<T>&, int64_t, int64_t, const T*, const Target<T>&);
+
+template <class T, int CO, int R, int stride, int... V>
+Block<T> pick(int64_t vectors, std::integer_sequence<int, V...>) {
+  static constexpr Block<T> blocks[] = {block<T, CO, R, V + 1, stride>...};
+  return blocks[vectors - 1];
+}
+template <class T, int CO>
+Block<T> pick(int64_t rows, int64_t vectors, int64_t stride) {
+  constexpr int R = rows_beside(CO);
+  constexpr auto flat = std::make_integer_sequence<int, vectors_beside(CO)>{};
+  if (stride == 2) return pick<T, CO, 1, 2>(vectors, flat);
+  if (rows == 1) return pick<T, CO, 1, 1>(vectors, flat);
+  return pick<T, CO, R, 1>(vectors, std::make_integer_sequence<int, vectors_beside(CO * R)>{});
+}
+template <class T>
+Block<T> pick(int64_t channels, int64_t rows, int64_t vectors, int64_t stride) {
+  if constexpr (max_channels >= 8) {
+    if (channels == 8) return pick<T, 8>(rows, vectors, stride);
+  }
+  return channels == 1   ? pick<T, 1>(rows, vectors, stride)
+         : channels == 2 ? pick<T, 2>(rows, vectors, stride)
+                         : pick<T, 4>(rows, vectors, stride);
+}
+
+/// How many of the channels from `o` on make the next block: 8 (if `largest` allows), 4, 2 or 1.
+int64_t block_at(int64_t o, int64_t channels, int64_t largest) {
+  while (largest > channels - o) largest /= 2;
+  return largest;
+}
+
+/// [block of output channels][in_channels][tap][kx][channel of the block], each read from weight(o, c, tap and kx)
+template <class T, class Weight>
+Vector<T> pack(const Geometry& g, const Weight& weight) {
+  Vector<T> packed;
+  packed.reserve(g.out_channels * g.in_channels * g.taps() * 3);
+  for (int64_t o = 0, size; o < g.out_channels; o += size) {
+    size = block_at(o, g.out_channels, max_channels);
+    for (int64_t c = 0; c < g.in_channels; ++c) {
+      for (int64_t t = 0; t < g.taps() * 3; ++t) {
+        for (int64_t i = 0; i < size; ++i) packed.push_back(weight(o + i, c, t));
+      }
+    }
+  }
+  return packed;
+}
+
+template <class T>
+void convolve_rows(const Geometry& g, const Source<T>& source, const Vector<T>& weights, const T* bias, bool relu,
+                   const T* positive, T* out, int threads) {
+  const int64_t vectors = vectors_in<T>(g.out_width), groups = (g.out_height + max_rows - 1) / max_rows;
+  const int64_t stride = source.padded ? 1 : g.stride;
+  parallel_for(g.batch * g.out_depth * groups, threads, [&](int64_t unit) {
+    const int64_t begin = unit % groups * max_rows, end = std::min(begin + max_rows, g.out_height);
+    const int64_t z = unit / groups % g.out_depth, n = unit / groups / g.out_depth;
+    Window<T> window;
+    window.channel = g.in_rows() * source.pitch, window.channels = g.in_channels;
+    window.data = source.data + n * g.in_channels * window.channel;
+    window.kernel = g.taps() * 3, window.padded = source.padded, window.planes = 0;
+    std::copy_n(source.column, 3, window.column);
+    for (int64_t kz = 0; kz < g.kernel_depth; ++kz) {
+      const int64_t plane = g.plane(z, kz);
+      if (plane < 0) continue;
+      window.plane[window.planes] = plane * g.in_height * source.pitch;
+      window.kz[window.planes++] = kz;
+    }
+    Target<T> target{nullptr, g.out_rows() * g.out_width, g.out_width, g.in_width, nullptr, relu, nullptr};
+    for (int64_t o = 0, size; o < g.out_channels; o += size) {
+      size = block_at(o, g.out_channels, max_channels);
+      target.bias = bias == nullptr ? nullptr : bias + o;
+      const int64_t tall = rows_beside(static_cast<int>(size));
+      const int64_t rows = g.stride == 1 && g.dilation == 1 && g.out_height >= tall ? tall : 1;
+      const int64_t most = vectors_beside(static_cast<int>(size * rows)), runs = (vectors + most - 1) / most;
+      for (int64_t top = begin; top < end; top += rows) {
+        const int64_t y = std::min(top, g.out_height - rows);  // the last rows of an image may be computed twice
+        for (int64_t i = 0; i < rows + 2; ++i) {
+          const int64_t row = g.row(y + (i > 2 ? i - 2 : 0), i > 2 ? 2 : i);
+          window.row[i] = row < 0 ? -1 : row * source.pitch;
+        }
+        const int64_t at = (n * g.out_channels + o) * target.plane + (z * g.out_height + y) * g.out_width;
+        target.out = out + at;
+        if (positive != nullptr) target.positive = positive + at;
+        for (int64_t run = 0; run < runs; ++run) {
+          const int64_t first = vectors * run / runs, next = vectors * (run + 1) / runs;
+          pick<T>(size, rows, next - first, stride)(window, vector_start<T>(first, g.out_width),
+                                                    vector_start<T>(next - 1, g.out_width),
+                                                    weights.data() + o * g.in_channels * window.kernel, target);
+        }
+      }
+    }
+  });
+}
+
+}  // namespace
+}  // namespace anynet::ANYNET_ISA
