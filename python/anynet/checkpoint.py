@@ -17,6 +17,7 @@ from torch import Tensor
 
 from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
+from anynet.io.files import write_atomically
 from anynet.network import AnyNet
 
 PACKAGED = Path(__file__).parent / "weights"
@@ -24,18 +25,9 @@ PACKAGED = Path(__file__).parent / "weights"
 
 def save_checkpoint(path: str | os.PathLike[str], model: AnyNet, metadata: dict[str, Any] | None = None) -> None:
     """Writes weights, configuration and `metadata` (anything JSON can hold) as .safetensors, whole or not at all."""
-    path = Path(path)
     tensors = {name: tensor.contiguous() for name, tensor in model.state_dict().items()}
     content = save(tensors, {"config": json.dumps(asdict(model.config)), "metadata": json.dumps(metadata or {})})
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        try:
-            partial.write_bytes(content)
-            os.replace(partial, path)
-        finally:
-            partial.unlink(missing_ok=True)
-    except OSError as error:
-        raise AnyNetError(f"{path}: cannot be written: {error.strerror}") from error
+    write_atomically(path, content)
 
 
 def load_checkpoint(weights: str | os.PathLike[str]) -> AnyNet:

@@ -138,7 +138,7 @@ class AnyNet(nn.Module):
         self.refinement = Refinement(self.config)
         for cost_net in self.cost_nets:  # begins undecided: small costs, so that no random one wins the softmax
             with torch.no_grad():
-                cost_net[-1].conv.weight *= 0.1
+                cost_net.get_parameter(f"{self.config.cost_layers + 1}.conv.weight").mul_(0.1)
 
     def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
         """The first `stages` estimates (default: all), each [N, 1, H, W]; differentiable."""

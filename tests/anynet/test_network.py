@@ -104,7 +104,7 @@ def test_reversed_residuals_are_the_other_direction_of_search() -> None:
     with torch.no_grad():
         first, second = plain(*pair(64, 128), stages=2)
         _, reversed_second = reverse(*pair(64, 128), stages=2)
-    assert (second - first).abs().max() > 0.1
+    assert (second - first).abs().max() > 0.05
     torch.testing.assert_close(reversed_second - first, first - second, rtol=1e-4, atol=1e-3)
 
 

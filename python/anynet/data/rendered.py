@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
 import multiprocessing
-import os
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from anynet.data.sample import Dataset
 from anynet.errors import AnyNetError
+from anynet.io.files import make_folder, write_atomically
 from anynet.render import MAX_DISPARITY, RenderedSample, render
 
 SCALE = 256  # stored disparities are uint16, in 1/256 pixel
@@ -49,10 +50,9 @@ def _store(path: Path, sample: RenderedSample) -> None:
     for view, disparity in enumerate((sample.disparity, sample.right_disparity)):
         record["disparity"][view] = np.minimum(np.rint(disparity * SCALE), limit)
     record["occluded"] = sample.occluded, sample.right_occluded
-    partial = path.with_suffix(".partial")
-    with partial.open("wb") as file:
-        np.save(file, record)
-    os.replace(partial, path)
+    content = io.BytesIO()
+    np.save(content, record)
+    write_atomically(path, content.getvalue())
 
 
 class RenderedFolder(Dataset):
@@ -96,16 +96,16 @@ def write_rendered(
 ) -> Iterator[int]:
     """Renders pairs `seed` ... `seed` + `count` - 1 into a folder, yielding how many are there; files present are kept.
 
-    Raises AnyNetError if the folder holds pairs of another size.
+    Raises AnyNetError if the folder holds pairs of another size, or cannot be written to.
     """
-    root.mkdir(parents=True, exist_ok=True)
+    make_folder(root)
     about = root / "render.json"
     settings = {"height": height, "width": width}
     if about.exists() and json.loads(about.read_text()) != settings:
         raise AnyNetError(
             f"{root}: holds pairs rendered with {about.read_text().strip()}, asked for {json.dumps(settings)}"
         )
-    about.write_text(json.dumps(settings))
+    write_atomically(about, json.dumps(settings).encode())
     wanted = {root / f"{number:07d}.npy": number for number in range(seed, seed + count)}
     missing = {path: number for path, number in wanted.items() if not path.exists()}
     done = count - len(missing)

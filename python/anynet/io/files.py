@@ -9,7 +9,7 @@ from pathlib import Path
 from anynet.errors import AnyNetError
 
 
-def write_atomically(path: str | Path, data: bytes) -> None:
+def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
     """Writes `data` to `path`: afterwards the file is complete, or on an error as it was before.
 
     Raises:
