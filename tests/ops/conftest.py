@@ -79,12 +79,13 @@ IMPLEMENTATIONS = [
 @pytest.fixture(scope="session")
 def emulated_operators() -> None:
     """Builds and loads the library that registers `torch.ops.anynet_cuda_emulated`."""
-    if shutil.which("cmake") is None or shutil.which("ninja") is None:
+    ninja = shutil.which("ninja")
+    if shutil.which("cmake") is None or ninja is None:
         pytest.skip("needs cmake and ninja")
     root = Path(__file__).parents[2]
     folder = root / "build" / "emulated"
     torch_folder = Path(torch.__file__).parent
-    options = ["-GNinja", "-DANYNET_CUDA=OFF", f"-DANYNET_TORCH_DIR={torch_folder}"]
+    options = ["-GNinja", f"-DCMAKE_MAKE_PROGRAM={ninja}", "-DANYNET_CUDA=OFF", f"-DANYNET_TORCH_DIR={torch_folder}"]
     for command in (
         ["cmake", "-S", root, "-B", folder, *options],
         ["cmake", "--build", folder, "--target", "_C_cuda_emulated"],
