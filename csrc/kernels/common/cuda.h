@@ -104,7 +104,7 @@ template <class T, int N>
 ANYNET_DEVICE void write_pack(T* p, const Pack<T, N>& pack) {
   typename Word<sizeof(T) * N>::type word;
   memcpy(&word, &pack, sizeof(word));
-  *reinterpret_cast<decltype(word)*>(p) = word;
+  __stwb(reinterpret_cast<decltype(word)*>(p), word);  // an assignment may become four narrower stores (sm_75)
 }
 
 /// Elements of T in 16 bytes.

@@ -126,6 +126,7 @@ struct Geometry {
   /// The position in an input of `size` that output position `o` reads through tap `t`, or -1.
   int64_t tap(int64_t o, int64_t t, int64_t size) const {
     const int64_t i = o * stride + t - 1;
+    if (dilation == 1) return i < size ? i : -1;  // divisions take longer than a short row
     return i < 0 || i % dilation != 0 || i / dilation >= size ? -1 : i / dilation;
   }
   int64_t plane(int64_t z, int64_t kz) const { return kernel_depth == 1 ? z : tap(z, kz, in_depth); }

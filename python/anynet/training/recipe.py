@@ -104,8 +104,8 @@ PRESETS: dict[str, Recipe] = {
     "paper-sceneflow": Recipe(epochs=10, rate=5e-4, schedule="constant", augment=False, clip=0.0),
     "paper-kitti": Recipe(epochs=300, rate=5e-4, schedule="step", augment=False, clip=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
-    "default": Recipe(steps=10_000, rate=2e-3, warm_up=100),
-    "kitti": Recipe(weights="default", steps=1_500, rate=1e-3, warm_up=100),
+    "default": Recipe(steps=8_000, rate=2e-3, warm_up=100),
+    "kitti": Recipe(weights="default", steps=1_000, rate=1e-3, warm_up=100),
 }
 
 

@@ -94,6 +94,10 @@ template <class T>
 T __ldg(const T* p) {
   return *p;
 }
+template <class T>
+void __stwb(T* p, T value) {
+  *p = value;
+}
 
 inline float __uint_as_float(unsigned bits) {
   float f;

@@ -1,0 +1,39 @@
+"""Draws the losses of training runs.
+
+python benchmarks/curves.py NAME=RUN/log.jsonl ... --plot FILE
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("logs", nargs="+", metavar="NAME=LOG", help="log.jsonl of a run, and what to call it")
+    parser.add_argument("--plot", type=Path, required=True)
+    arguments = parser.parse_args()
+
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, len(arguments.logs), figsize=(5 * len(arguments.logs), 3.5), layout="constrained")
+    for axis, entry in zip([axes] if len(arguments.logs) == 1 else axes, arguments.logs, strict=True):
+        name, _, path = entry.partition("=")
+        lines = [json.loads(line) for line in Path(path).read_text().splitlines()]
+        lines = [line for line in lines if "losses" in line]
+        for stage, losses in enumerate(zip(*(line["losses"] for line in lines), strict=True), start=1):
+            axis.semilogy([line["step"] for line in lines], losses, label=f"stage {stage}", linewidth=1)
+        axis.set_title(name)
+        axis.set_xlabel("step")
+        axis.set_ylabel("smooth-L1 loss, px")
+        axis.legend()
+    figure.savefig(arguments.plot, dpi=120)
+
+
+if __name__ == "__main__":
+    main()
