@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import torch
@@ -21,6 +21,31 @@ def median_ms(function: Callable[[], object], seconds: float = 0.5, least: int =
         function()
         times.append(time.perf_counter() - start)
     return 1000 * statistics.median(times)
+
+
+def interleaved_ms(
+    functions: Mapping[str, Callable[[], object]], rounds: int = 30, slow: float = 150.0, slow_rounds: int = 5
+) -> dict[str, list[float]]:
+    """Times of one call each, round by round, after two that do not count.
+
+    On a machine whose speed drifts, what is to be compared must be measured in the same seconds: compare entries of one
+    round. Functions that take more than `slow` milliseconds are in the first `slow_rounds` rounds only.
+    """
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for round in range(-2, rounds):
+        for name, function in functions.items():
+            if round >= slow_rounds and statistics.median(times[name]) > slow:
+                continue
+            start = time.perf_counter()
+            function()
+            if round >= 0:
+                times[name].append(1000 * (time.perf_counter() - start))
+    return times
+
+
+def median_ratio(times: list[float], others: list[float]) -> float:
+    """The median of times / others, round by round."""
+    return statistics.median(a / b for a, b in zip(times, others, strict=False))
 
 
 @dataclass(frozen=True)
@@ -41,13 +66,20 @@ class Limits:
         return 1000 * max(operations / self.operations, traffic / self.bandwidth)
 
 
+PRODUCT = 1024**3  # multiply-adds of `matrix_product`
+
+
+def matrix_product() -> Callable[[], object]:
+    """What PyTorch's library does near the machine's best."""
+    one, other, product = (torch.ones(1024, 1024) for _ in range(3))
+    return lambda: torch.mm(one, other, out=product)
+
+
 def measure_limits(threads: int) -> Limits:
     """Peaks by a matrix product, which PyTorch's library runs near the machine's best, and by a copy."""
     torch.set_num_threads(threads)
-    size = 1024
-    one, other, product = (torch.ones(size, size) for _ in range(3))
-    product_ms = median_ms(lambda: torch.mm(one, other, out=product))
+    product_ms = median_ms(matrix_product())
     source = torch.ones(4 * 2**20)
     target = torch.empty_like(source)
     copy_ms = median_ms(lambda: target.copy_(source))
-    return Limits(threads, 1000 * size**3 / product_ms, 1000 * 2 * source.nbytes / copy_ms)
+    return Limits(threads, 1000 * PRODUCT / product_ms, 1000 * 2 * source.nbytes / copy_ms)

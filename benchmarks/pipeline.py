@@ -1,6 +1,6 @@
 """Times the whole network on the CPU, from images in bytes to disparity, against its peers and the machine's limits.
 
-python benchmarks/pipeline.py [--weights W] [--threads 1 2] [--json FILE] [--plot FILE] [--sizes]
+python benchmarks/pipeline.py [--weights W] [--threads 2] [--json FILE] [--plot FILE] [--sizes]
 
 Peers, each with its best settings, on the same 1x3x368x1232 pair. They get normalised float tensors, while ours starts
 from bytes:
@@ -9,7 +9,8 @@ from bytes:
 * onnxruntime: that exported to ONNX, all graph optimisations, sequential execution;
 * openvino: the same ONNX file, latency hint;
 * OpenCV's StereoBM and StereoSGBM, 192 disparities.
-Times are medians of one call in milliseconds. The limit is the multiply-adds over the peak measured in the same run.
+All take turns, so that a machine whose speed drifts is the same for all. Times are medians of one call in milliseconds,
+ratios are medians over the turns. The limit is the multiply-adds over the peak, that of a matrix product in each turn.
 """
 
 from __future__ import annotations
@@ -17,11 +18,12 @@ from __future__ import annotations
 import argparse
 import json
 import resource
+import statistics
 import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
@@ -31,7 +33,7 @@ from unittest import mock
 import cv2
 import numpy as np
 import torch
-from measure import Limits, measure_limits, median_ms
+from measure import PRODUCT, Limits, interleaved_ms, matrix_product, measure_limits, median_ratio
 from rich.console import Console
 from rich.table import Table
 from torch import Tensor, nn
@@ -98,8 +100,9 @@ def stem_multiply_adds(model: AnyNet) -> int:
     return 2 * (HEIGHT * WIDTH * 27 * c + HEIGHT * WIDTH // 4 * 9 * c * c)
 
 
-def peers(weights: str, threads: int, console: Console) -> dict[str, float]:
-    """Milliseconds by peer."""
+@contextmanager
+def peers(weights: str, threads: int, console: Console) -> Iterator[dict[str, Callable[[], object]]]:
+    """Calls of one pair by the name of the peer."""
     torch.set_num_threads(threads)
     cv2.setNumThreads(threads)
     left, right = pair()
@@ -107,12 +110,12 @@ def peers(weights: str, threads: int, console: Console) -> dict[str, float]:
         torch.from_numpy((image / 255 - network.MEAN) / network.STD).permute(2, 0, 1)[None].float().contiguous()
         for image in (left, right)
     )
-    result: dict[str, float] = {}
+    calls: dict[str, Callable[[], object]] = {}
     model = load_checkpoint(weights)
     with plain_operators(), torch.no_grad(), tempfile.TemporaryDirectory() as folder:
         for stages in (1, 3, 4):
             plain = Plain(model, stages).eval()
-            result[f"eager, {stages} stages"] = median_ms(lambda plain=plain: plain(*tensors), 2, 3)
+            calls[f"eager, {stages} stages"] = lambda plain=plain: plain(*tensors)
         plain = Plain(model, 3).eval()
         expected = plain(*tensors)
 
@@ -124,22 +127,22 @@ def peers(weights: str, threads: int, console: Console) -> dict[str, float]:
         with torch._inductor.config.patch(freezing=True):
             compiled = torch.compile(torch.export.export(plain, tensors).module())
             check("torch.compile", compiled(*tensors))
-            result["torch.compile, 3 stages"] = median_ms(lambda: compiled(*tensors), 2)
+        calls["torch.compile, 3 stages"] = lambda: compiled(*tensors)
 
         path = f"{folder}/three_stages.onnx"
         torch.onnx.export(plain, tensors, path, dynamo=True, optimize=True, verbose=False)
-        result |= _onnx_peers(path, tensors, threads, check)
-    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
-    matcher = cv2.StereoBM.create(numDisparities=192, blockSize=15)
-    result["OpenCV StereoBM"] = median_ms(lambda: matcher.compute(*grey), 1)
-    semi_global = cv2.StereoSGBM.create(minDisparity=0, numDisparities=192, blockSize=5, P1=200, P2=800)
-    result["OpenCV StereoSGBM"] = median_ms(lambda: semi_global.compute(*grey), 1)
-    return result
+        calls |= _onnx_peers(path, tensors, threads, check)
+        grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
+        matcher = cv2.StereoBM.create(numDisparities=192, blockSize=15)
+        calls["OpenCV StereoBM"] = lambda: matcher.compute(*grey)
+        semi_global = cv2.StereoSGBM.create(minDisparity=0, numDisparities=192, blockSize=5, P1=200, P2=800)
+        calls["OpenCV StereoSGBM"] = lambda: semi_global.compute(*grey)
+        yield calls
 
 
 def _onnx_peers(
     path: str, tensors: tuple[Tensor, ...], threads: int, check: Callable[[str, Tensor], None]
-) -> dict[str, float]:
+) -> dict[str, Callable[[], object]]:
     import onnxruntime
     import openvino
 
@@ -148,29 +151,36 @@ def _onnx_peers(
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # not while the others take their turns
     session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
     feed = {node.name: array for node, array in zip(session.get_inputs(), arrays, strict=True)}
     check("onnxruntime", torch.from_numpy(session.run(None, feed)[0]))
-    result = {"onnxruntime, 3 stages": median_ms(lambda: session.run(None, feed), 2)}
 
     core = openvino.Core()
     settings = {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads, "INFERENCE_PRECISION_HINT": "f32"}
     request = core.compile_model(path, "CPU", settings).create_infer_request()
     check("openvino", torch.from_numpy(request.infer(arrays)[0]))
-    result["openvino, 3 stages"] = median_ms(lambda: request.infer(arrays), 2)
-    return result
+    return {
+        "onnxruntime, 3 stages": lambda: session.run(None, feed),
+        "openvino, 3 stages": lambda: request.infer(arrays),
+    }
 
 
-def ours(weights: str, threads: int) -> tuple[list[float], float]:
-    """Milliseconds until each stage, and the growth of memory over the loaded model, in MB."""
-    predictor = Predictor(weights, threads=threads)
+def ours(predictor: Predictor) -> dict[str, Callable[[], object]]:
+    """Calls of one pair, to each stage."""
     left, right = pair()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    times = [
-        median_ms(lambda stage=stage: predictor.predict(left, right, stage=stage), 1.5)
+    return {
+        f"ours, stage {stage}": lambda stage=stage: predictor.predict(left, right, stage=stage)
         for stage in range(1, predictor.config.stages + 1)
-    ]
-    return times, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
+    }
+
+
+def memory_mb(predictor: Predictor) -> float:
+    """How far 50 frames raise the process's peak."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(50):
+        predictor.predict(*pair())
+    return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
 
 
 def count(weights: str, threads: int) -> tuple[int, list[tuple[str, float, int, int]]]:
@@ -185,20 +195,22 @@ def count(weights: str, threads: int) -> tuple[int, list[tuple[str, float, int, 
     return counter.multiply_adds + stem_multiply_adds(load_checkpoint(weights)), calls
 
 
-def sizes(weights: str, threads: int, console: Console) -> dict[str, float]:
+def sizes(weights: str, threads: int, console: Console) -> dict[str, Any]:
     """Four stages over image sizes of 1/4 to 4 times KITTI's: milliseconds, and the fit a + b * megapixels."""
     predictor = Predictor(weights, threads=threads)
-    megapixels, times = [], []
+    calls, megapixels = {}, []
     for factor in (0.5, 0.71, 1.0, 1.41, 2.0):
         height, width = (round(factor * n / 16) * 16 for n in (HEIGHT, WIDTH))
         left, right = pair(height, width)
-        times.append(median_ms(lambda left=left, right=right: predictor.predict(left, right), 1))
+        calls[f"{height} x {width}"] = lambda left=left, right=right: predictor.predict(left, right)
         megapixels.append(height * width / 1e6)
-        console.print(f"{height} x {width}: {times[-1]:.2f} ms, {times[-1] / megapixels[-1]:.1f} ms per megapixel")
-    slope, start = np.polyfit(megapixels, times, 1)
-    worst = max(abs(start + slope * m - t) / t for m, t in zip(megapixels, times, strict=True))
-    console.print(f"{threads} threads: {start:.2f} ms + {slope:.1f} ms per megapixel, within {100 * worst:.0f} %")
-    return {"ms": start, "ms_per_megapixel": slope, "largest_deviation": worst}
+    times = {name: statistics.median(each) for name, each in interleaved_ms(calls).items()}
+    for (name, ms), mega in zip(times.items(), megapixels, strict=True):
+        console.print(f"{name}: {ms:.2f} ms, {ms / mega:.1f} ms per megapixel")
+    slope, start = np.polyfit(megapixels, list(times.values()), 1)
+    worst = max(abs(start + slope * mega - ms) / ms for mega, ms in zip(megapixels, times.values(), strict=True))
+    console.print(f"{threads} thread(s): {start:.2f} ms + {slope:.1f} ms per megapixel, within {100 * worst:.0f} %")
+    return {"ms": times, "start_ms": start, "ms_per_megapixel": slope, "largest_deviation": worst}
 
 
 def roofline(calls: list[tuple[str, float, int, int]], limits: Limits, file: Path) -> None:
@@ -221,22 +233,22 @@ def roofline(calls: list[tuple[str, float, int, int]], limits: Limits, file: Pat
     figure.savefig(file, dpi=150)
 
 
-def goals(
-    stages: dict[int, list[float]], others: dict[int, dict[str, float]], limit: float, memory: float, threads: int
-) -> Table:
-    """The figures to reach, and what was measured with `threads` threads."""
-    mine, peer = stages[threads], others[threads]
-    table = Table("", "measured", "goal", title=f"{threads} thread(s)")
-    table.add_row("4 stages", f"{mine[3]:.2f} ms = {mine[3] / limit:.2f} x the limit of {limit:.2f} ms", "<= 2.0 x")
-    table.add_row("stage 1", f"{mine[0]:.2f} ms", "<= 5 ms")
-    learned = {k: v for k, v in peer.items() if k.endswith("3 stages") and not k.startswith("eager")}
+def goals(times: dict[str, list[float]], work: int, memory: float) -> Table:
+    """The figures to reach, and what was measured."""
+    limit = [ms * work / PRODUCT for ms in times["matrix product"]]
+    four, three = times["ours, stage 4"], times["ours, stage 3"]
+    table = Table("", "measured", "goal")
+    ratio, floor = median_ratio(four, limit), statistics.median(limit)
+    table.add_row("4 stages", f"{ratio:.2f} x the limit of {floor:.2f} ms", "<= 2.0 x")
+    table.add_row("stage 1", f"{statistics.median(times['ours, stage 1']):.2f} ms", "<= 5 ms")
+    learned = [name for name in times if name.endswith("3 stages") and not name.startswith("eager")]
+    for name in learned:
+        table.add_row(f"3 stages against {name}", f"{median_ratio(times[name], three):.2f} x", ">= 3 x")
     if learned:
-        best = min(learned, key=lambda k: learned[k])
-        table.add_row(f"3 stages against {best}", f"{learned[best] / mine[2]:.1f} x", ">= 3 x")
-        matching = peer["OpenCV StereoBM"]
-        table.add_row("against OpenCV StereoBM", f"{mine[3]:.1f} ms against {matching:.1f} ms", "faster")
-    if 1 in stages and threads == 2:
-        table.add_row("two threads against one, 4 stages", f"{stages[1][3] / mine[3]:.2f} x", ">= 1.7 x")
+        table.add_row("against OpenCV StereoBM", f"{median_ratio(times['OpenCV StereoBM'], four):.2f} x", "faster")
+    if "ours, stage 4, one thread" in times:
+        both = median_ratio(times["ours, stage 4, one thread"], four)
+        table.add_row("all threads against one, 4 stages", f"{both:.2f} x", ">= 1.7 x")
     table.add_row("peak memory above the loaded model", f"{memory:.0f} MB", "<= 64 MB")
     return table
 
@@ -244,45 +256,47 @@ def goals(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--weights", default="default")
-    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--rounds", type=int, default=40)
     parser.add_argument("--no-peers", action="store_true", help="only ours and the limits")
     parser.add_argument("--sizes", action="store_true", help="also how the time grows with the image")
     parser.add_argument("--operators", action="store_true", help="also where our time goes")
     parser.add_argument("--json", type=Path, help="write all figures here")
     parser.add_argument("--plot", type=Path, help="write a roofline plot here")
     arguments = parser.parse_args()
-    console = Console()
-    report: dict[str, Any] = {"build": anynet_ext.build_info()}
-    stages: dict[int, list[float]] = {}
-    others: dict[int, dict[str, float]] = {}
-    for threads in arguments.threads:
-        torch.set_num_threads(threads)
-        stages[threads], memory = ours(arguments.weights, threads)
-        limits = measure_limits(threads)
-        work, calls = count(arguments.weights, threads)
-        limit = 1e3 * work / limits.operations
-        others[threads] = {} if arguments.no_peers else peers(arguments.weights, threads, console)
-        table = Table("", "ms", title=f"{threads} thread(s), 1x3x{HEIGHT}x{WIDTH}")
-        for stage, ms in enumerate(stages[threads], start=1):
-            table.add_row(f"ours, to stage {stage}", f"{ms:.2f}")
-        for name, ms in others[threads].items():
-            table.add_row(name, f"{ms:.1f}")
-        console.print(table, goals(stages, others, limit, memory, threads))
-        if arguments.operators:
-            console.print(operators(calls))
-        if arguments.plot:
-            roofline(calls, limits, arguments.plot)
-        report[f"{threads} threads"] = {
-            "stages_ms": stages[threads],
-            "peers_ms": others[threads],
+    console, threads = Console(), arguments.threads
+    torch.set_num_threads(threads)
+    predictor = Predictor(arguments.weights, threads=threads)
+    memory = memory_mb(predictor)
+    mine = ours(predictor)
+    if threads > 1:
+        alone = ours(Predictor(arguments.weights, threads=1))
+        mine["ours, stage 4, one thread"] = alone["ours, stage 4"]
+    with nullcontext({}) if arguments.no_peers else peers(arguments.weights, threads, console) as others:
+        times = interleaved_ms({"matrix product": matrix_product(), **mine, **others}, arguments.rounds)
+    limits = measure_limits(threads)
+    work, calls = count(arguments.weights, threads)
+    table = Table("", "ms", title=f"{threads} thread(s), 1x3x{HEIGHT}x{WIDTH}")
+    for name, each in times.items():
+        table.add_row(name, f"{statistics.median(each):.1f}")
+    console.print(table, goals(times, work, memory))
+    if arguments.operators:
+        console.print(operators(calls))
+    if arguments.plot:
+        roofline(calls, limits, arguments.plot)
+    if arguments.json:
+        report = {
+            "build": anynet_ext.build_info(),
+            "threads": threads,
+            "ms": {name: [round(ms, 2) for ms in each] for name, each in times.items()},
             "multiply_adds": work,
-            "limit_ms": limit,
             "limits": asdict(limits),
             "memory_mb": memory,
             "sizes": sizes(arguments.weights, threads, console) if arguments.sizes else None,
         }
-    if arguments.json:
         arguments.json.write_text(json.dumps(report, indent=2))
+    elif arguments.sizes:
+        sizes(arguments.weights, threads, console)
 
 
 def operators(calls: list[tuple[str, float, int, int]]) -> Table:
