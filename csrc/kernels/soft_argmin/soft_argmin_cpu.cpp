@@ -8,18 +8,23 @@ namespace anynet::ANYNET_ISA {
 
 namespace {
 
-/// The softmax of up to `width` neighbouring pixels, one pixel per vector lane.
+/// The softmax of neighbouring pixels of a row, one pixel per vector lane.
 template <class T>
 class Softmax {
  public:
   using A = accumulator_t<T>;
-  static constexpr int64_t width = 4 * lanes<A>;
+  const int64_t
+      width;  // pixels at a time: many, to read long pieces of each plane, as far as the nearer caches hold them
 
-  explicit Softmax(int64_t D) : D_(D), costs_(D * width), line_(width) { fill_zero<A>(costs_, D * width); }
+  Softmax(int64_t D, int64_t W)
+      : width(strip(D, W)), sums(width), means(width), D_(D), costs_(D * width), lowest_(width), line_(width) {
+    fill_zero<A>(costs_, D * width);
+  }
 
   /// Reads the costs of `count` pixels from `p` on, and leaves e^(lowest cost - cost) in weights(k).
   void read(const T* p, int64_t stride_k, int64_t stride_x, int64_t count) {
-    A lowest[width] = {};
+    A* const lowest = lowest_;
+    fill_zero(lowest, width);
     for (int64_t k = 0; k < D_; ++k) {
       const A* line = read_row(p + k * stride_k, stride_x, count, static_cast<A*>(line_));
       A* const costs = costs_ + k * width;
@@ -46,12 +51,19 @@ class Softmax {
 
   const A* weights(int64_t k) { return costs_ + k * width; }
 
-  alignas(64) A sums[width];   // of the weights
-  alignas(64) A means[width];  // of the index k, by the weights
+  const Scratch<A> sums;   // of the weights
+  const Scratch<A> means;  // of the index k, by the weights
 
  private:
+  static int64_t strip(int64_t D, int64_t W) {
+    constexpr int64_t bytes = 512 * 1024, least = 4 * lanes<A>;
+    const int64_t fits = bytes / (D * static_cast<int64_t>(sizeof(A))) / lanes<A> * lanes<A>,
+                  row = round_up(W, lanes<A>);
+    return fits < least ? least : fits < row ? fits : row;
+  }
+
   const int64_t D_;
-  Scratch<A> costs_, line_;
+  Scratch<A> costs_, lowest_, line_;
 };
 
 }  // namespace
@@ -62,7 +74,7 @@ void soft_argmin(const SoftArgmin<T>& a, int threads) {
   const int64_t N = a.cost.size[0], D = a.cost.size[1], H = a.cost.size[2], W = a.cost.size[3];
   const int64_t* stride = a.cost.stride;
   parallel_ranges(N * H, useful_threads(N * D * H * W * 10, threads), [&](int64_t begin, int64_t end) {
-    Softmax<T> softmax(D);
+    Softmax<T> softmax(D, W);
     for (int64_t row = begin; row < end; ++row) {
       const T* cost = a.cost.data + row / H * stride[0] + row % H * stride[2];
       for (int64_t x = 0; x < W; x += softmax.width) {
@@ -81,7 +93,7 @@ void soft_argmin_backward(const SoftArgminBackward<T>& a, int threads) {
   const int64_t N = a.cost.size[0], D = a.cost.size[1], H = a.cost.size[2], W = a.cost.size[3];
   const int64_t* stride = a.cost.stride;
   parallel_ranges(N * H, useful_threads(N * D * H * W * 14, threads), [&](int64_t begin, int64_t end) {
-    Softmax<T> softmax(D);
+    Softmax<T> softmax(D, W);
     Scratch<A> grad(softmax.width), line(softmax.width);
     for (int64_t row = begin; row < end; ++row) {
       const int64_t n = row / H, y = row % H;
