@@ -19,13 +19,9 @@ from anynet.network import MEAN, STD
 
 
 @pytest.fixture(scope="module")
-def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    torch.manual_seed(0)
+def weights(tmp_path_factory: pytest.TempPathFactory, wild_model: AnyNet) -> Path:
     path = tmp_path_factory.mktemp("weights") / "random.safetensors"
-    model = AnyNet()
-    for cost_net in model.cost_nets:  # as decided as trained ones
-        cost_net[-1].conv.weight.data *= 10
-    save_checkpoint(path, model)
+    save_checkpoint(path, wild_model)
     return path
 
 

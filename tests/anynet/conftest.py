@@ -1,0 +1,21 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+from torch import nn
+
+from anynet import AnyNet
+from anynet.network import Convolution
+
+
+@pytest.fixture(scope="session")
+def wild_model() -> AnyNet:
+    """Random weights of larger scales than training begins with: disparities from -40 to 200, mostly positive."""
+    model = AnyNet()
+    torch.manual_seed(8)
+    for module in model.modules():
+        if isinstance(module, Convolution):
+            nn.init.normal_(module.weight, std=math.sqrt(2 / module.weight[:, 0].numel()))
+    return model.eval()
