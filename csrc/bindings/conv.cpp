@@ -38,23 +38,23 @@ void bind(pybind11::module_& m) {
                                    const std::vector<int64_t>& sizes, int64_t stride, int threads) {
     const ConvShape shape = conv_shape(sizes, weight.shape(0), weight.shape(2), stride);
     Array grad_input(sizes);
-    anynet::conv_backward_input(isa, ConvBackwardInput<T>{shape, grad.data(), weight.data(), data(before), grad_input.mutable_data()},
-                                threads);
+    anynet::conv_backward_input(
+        isa, ConvBackwardInput<T>{shape, grad.data(), weight.data(), data(before), grad_input.mutable_data()}, threads);
     return grad_input;
   });
-  m.def("conv_backward_weight",
-        [=](Isa isa, const Array& grad, const Array& input, const std::optional<Array>& scale,
-            const std::optional<Array>& shift, int64_t kernel_depth, int64_t stride, bool relu_in, int threads) {
-          const std::vector<int64_t> sizes(input.shape(), input.shape() + input.ndim());
-          const ConvShape shape = conv_shape(sizes, grad.shape(1), kernel_depth, stride);
-          Array grad_weight({shape.out_channels, shape.in_channels, kernel_depth, int64_t{3}, int64_t{3}});
-          Array grad_bias({shape.out_channels});
-          anynet::conv_backward_weight(isa,
-                                       ConvBackwardWeight<T>{shape, grad.data(), input.data(), data(scale), data(shift), relu_in,
-                                                             grad_weight.mutable_data(), grad_bias.mutable_data()},
-                                       threads);
-          return pybind11::make_tuple(grad_weight, grad_bias);
-        });
+  m.def("conv_backward_weight", [=](Isa isa, const Array& grad, const Array& input, const std::optional<Array>& scale,
+                                    const std::optional<Array>& shift, int64_t kernel_depth, int64_t stride,
+                                    bool relu_in, int threads) {
+    const std::vector<int64_t> sizes(input.shape(), input.shape() + input.ndim());
+    const ConvShape shape = conv_shape(sizes, grad.shape(1), kernel_depth, stride);
+    Array grad_weight({shape.out_channels, shape.in_channels, kernel_depth, int64_t{3}, int64_t{3}});
+    Array grad_bias({shape.out_channels});
+    anynet::conv_backward_weight(isa,
+                                 ConvBackwardWeight<T>{shape, grad.data(), input.data(), data(scale), data(shift),
+                                                       relu_in, grad_weight.mutable_data(), grad_bias.mutable_data()},
+                                 threads);
+    return pybind11::make_tuple(grad_weight, grad_bias);
+  });
 }
 
 }  // namespace

@@ -82,8 +82,8 @@ Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::option
   const auto x = contiguous_or_none(before);
   dispatch_conv(grad.scalar_type(), dimensions, [&](auto element) {
     using T = decltype(element);
-    const ConvBackwardInput<T> args{conv_shape(input_size, weight.size(0), stride), data<T>(g), data<T>(w),
-                                    data<T>(x), static_cast<T*>(grad_input.mutable_data_ptr())};
+    const ConvBackwardInput<T> args{conv_shape(input_size, weight.size(0), stride), data<T>(g), data<T>(w), data<T>(x),
+                                    static_cast<T*>(grad_input.mutable_data_ptr())};
     anynet::conv_backward_input(chosen_isa(), args, num_threads());
   });
   return grad_input;
@@ -109,8 +109,12 @@ std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor
   Tensor grad_weight = new_tensor(grad, weight_sizes), grad_bias = new_tensor(grad, {grad.size(1)});
   dispatch_conv(grad.scalar_type(), dimensions, [&](auto element) {
     using T = decltype(element);
-    const ConvBackwardWeight<T> args{conv_shape(sizes(input), grad.size(1), stride), data<T>(g), data<T>(x),
-                                     data<T>(s), data<T>(t), relu_in,
+    const ConvBackwardWeight<T> args{conv_shape(sizes(input), grad.size(1), stride),
+                                     data<T>(g),
+                                     data<T>(x),
+                                     data<T>(s),
+                                     data<T>(t),
+                                     relu_in,
                                      static_cast<T*>(grad_weight.mutable_data_ptr()),
                                      static_cast<T*>(grad_bias.mutable_data_ptr())};
     anynet::conv_backward_weight(chosen_isa(), args, num_threads());
@@ -126,7 +130,9 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
                   "bool relu_out) -> Tensor")
               .c_str(),
           {at::Tag::pt2_compliant_tag});
-    m.def((name + "_backward_input(Tensor grad, Tensor weight, Tensor? before, SymInt[] input_size, int stride) -> Tensor").c_str(),
+    m.def((name +
+           "_backward_input(Tensor grad, Tensor weight, Tensor? before, SymInt[] input_size, int stride) -> Tensor")
+              .c_str(),
           {at::Tag::pt2_compliant_tag});
     m.def((name + "_backward_weight(Tensor grad, Tensor input, Tensor? scale, Tensor? shift, int stride, bool relu_in) "
                   "-> (Tensor, Tensor)")
