@@ -72,7 +72,7 @@ class _TotalOverProcesses(torch.autograd.Function):
 
 
 def _total(value: Tensor) -> Tensor:
-    total: Tensor = _TotalOverProcesses.apply(value)  # type: ignore[no-untyped-call]
+    total: Tensor = _TotalOverProcesses.apply(value)  # type: ignore[no-untyped-call, unused-ignore]
     return total
 
 
