@@ -9,13 +9,12 @@ Each line: our time, GFLOP/s and share of the peak measured in this run; PyTorch
 from __future__ import annotations
 
 import argparse
-import statistics
-import time
 from collections.abc import Callable
 from functools import partial
 
 import torch
 import torch.nn.functional as F
+from measure import PRODUCT, matrix_product, median_ms
 
 import anynet_ext
 
@@ -65,22 +64,9 @@ TRAIN = [
 ]
 
 
-def median(run: Callable[..., object], *args: object) -> float:
-    """Seconds per call: the median of the calls that fit into 30 ms, at least 7."""
-    run(*args)
-    times: list[float] = []
-    while len(times) < 7 or sum(times) < 0.03:
-        start = time.perf_counter()
-        run(*args)
-        times.append(time.perf_counter() - start)
-    return statistics.median(times)
-
-
-def peak(threads: int) -> float:
-    """FLOP/s of a matrix product that stays in the caches: what the multiply-add units give in practice."""
-    n = 768
-    a, b, out = torch.rand(n, n), torch.rand(n, n), torch.empty(n, n)
-    return max(2 * n**3 / median(partial(torch.mm, out=out), a, b) for _ in range(3))
+def seconds_of(run: Callable[..., object], *args: object) -> float:
+    """Median seconds per call, over 30 ms of calls."""
+    return median_ms(lambda: run(*args), 0.03) / 1000
 
 
 def main() -> None:
@@ -90,7 +76,7 @@ def main() -> None:
     options = parser.parse_args()
     for threads in dict.fromkeys(options.threads):
         torch.set_num_threads(threads)
-        limit = peak(threads)
+        limit = 2 * PRODUCT / seconds_of(matrix_product())
         print(f"\n{threads} threads, multiply-add peak {limit / 1e9:.0f} GFLOP/s")
         totals: dict[str, float] = {}
         for batch, channels, out_channels, size, stride, count in TRAIN if options.train else FRAME:
@@ -102,16 +88,16 @@ def main() -> None:
             x_last, w_last = x.contiguous(memory_format=layout), w.contiguous(memory_format=layout)
             with torch.inference_mode():
                 out = ours(x, w, stride=stride)
-                times = {"ours": median(partial(ours, stride=stride), x, w)}
+                times = {"ours": seconds_of(partial(ours, stride=stride), x, w)}
                 if options.train:
                     operators = torch.ops.anynet
                     backward_input = getattr(operators, f"{name}_backward_input")
                     backward_weight = getattr(operators, f"{name}_backward_weight")
-                    times["input"] = median(backward_input, out, w, None, list(x.shape), stride)
-                    times["weight"] = median(backward_weight, out, x, None, None, stride, False)
+                    times["input"] = seconds_of(backward_input, out, w, None, list(x.shape), stride)
+                    times["weight"] = seconds_of(backward_weight, out, x, None, None, stride, False)
                 else:
-                    times["torch"] = median(plain, x, w, None, stride, 1)
-                    times["torch last"] = median(plain, x_last, w_last, None, stride, 1)
+                    times["torch"] = seconds_of(plain, x, w, None, stride, 1)
+                    times["torch last"] = seconds_of(plain, x_last, w_last, None, stride, 1)
             flops = 2 * out.numel() * channels * 3 ** len(size)
             line = (
                 f"{count}x {name:9} {batch:2}x{channels:2} ->{out_channels:3} {'x'.join(map(str, size)):10} /{stride}"

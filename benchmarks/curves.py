@@ -21,8 +21,9 @@ def main() -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(1, len(arguments.logs), figsize=(5 * len(arguments.logs), 3.5), layout="constrained")
-    for axis, entry in zip([axes] if len(arguments.logs) == 1 else axes, arguments.logs, strict=True):
+    count = len(arguments.logs)
+    figure, axes = pyplot.subplots(1, count, figsize=(5 * count, 3.5), layout="constrained", squeeze=False)
+    for axis, entry in zip(axes[0], arguments.logs, strict=True):
         name, _, path = entry.partition("=")
         lines = [json.loads(line) for line in Path(path).read_text().splitlines()]
         lines = [line for line in lines if "losses" in line]

@@ -284,6 +284,7 @@ def main() -> None:
         console.print(operators(calls))
     if arguments.plot:
         roofline(calls, limits, arguments.plot)
+    growth = sizes(arguments.weights, threads, console) if arguments.sizes else None
     if arguments.json:
         report = {
             "build": anynet_ext.build_info(),
@@ -292,11 +293,9 @@ def main() -> None:
             "multiply_adds": work,
             "limits": asdict(limits),
             "memory_mb": memory,
-            "sizes": sizes(arguments.weights, threads, console) if arguments.sizes else None,
+            "sizes": growth,
         }
         arguments.json.write_text(json.dumps(report, indent=2))
-    elif arguments.sizes:
-        sizes(arguments.weights, threads, console)
 
 
 def operators(calls: list[tuple[str, float, int, int]]) -> Table:

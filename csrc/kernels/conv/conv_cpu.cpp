@@ -43,6 +43,8 @@ void convolve(const Geometry& g, const Source<T>& source, const Weight& weight, 
 
 // --------------------------------------------------------------------------------------------- gradient of the weights
 
+constexpr int64_t chunks = 64;  // about as many partial sums
+
 template <class T>
 T sum_lanes(vec<T> v) {
   T sum = 0;

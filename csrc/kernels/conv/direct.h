@@ -20,7 +20,6 @@ namespace {
 
 constexpr int registers = vector_bytes == 64 ? 32 : 16;
 constexpr int max_channels = registers / 4;  // of a block
-constexpr int64_t chunks = 64;               // about as many partial sums of the weights' gradient
 
 template <class T>
 using lane_sequence = std::make_integer_sequence<int, lanes<T>>;
