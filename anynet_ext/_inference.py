@@ -20,13 +20,15 @@ def stem(
     scale: Tensor,
     shift: Tensor,
     *,
+    enlargement: int = 1,
     multiple: int = 4,
 ) -> Tensor:
     """AnyNet's first layers on images in bytes, in one pass without intermediate tensors.
 
     Both images, less `mean`, go through a 3x3 convolution, ReLU, a 3x3 convolution with stride 2, 2x2 max pooling, a
-    per-channel affine, and ReLU. Before that they are extended at the right and the bottom by repeating their last
-    column and row, to sizes that `multiple` divides; the convolutions' own padding is zeros.
+    per-channel affine, and ReLU. Before that they are enlarged (bilinear, align_corners=False) and extended at the
+    right and the bottom by repeating their last column and row, to sizes that `multiple` divides; the convolutions'
+    own padding is zeros.
 
     Args:
         left, right: [H, W, 3] uint8, contiguous.
@@ -34,10 +36,11 @@ def stem(
         weight_first, bias_first: [C, 3, 3, 3], [C].
         weight_second: [C, C, 3, 3].
         scale, shift: [C].
+        enlargement: 1 or 2, how many times as high and wide to make the images first.
         multiple: a multiple of 4.
 
     Returns:
-        [2, C, H' / 4, W' / 4] float32, H' and W' the extended size.
+        [2, C, H' / 4, W' / 4] float32, H' and W' the enlarged and extended size.
 
     Raises:
         RuntimeError: if an argument has the wrong dtype or shape.
@@ -45,7 +48,7 @@ def stem(
     Source: AnyNet paper (arXiv 1810.11408), Table I.
     """
     out: Tensor = torch.ops.anynet.stem(
-        left, right, mean, weight_first, bias_first, weight_second, scale, shift, multiple
+        left, right, mean, weight_first, bias_first, weight_second, scale, shift, enlargement, multiple
     )
     return out
 
@@ -103,12 +106,14 @@ def normalise_gates(gates: Tensor) -> Tensor:
     return out
 
 
-def quarter_image(image: Tensor, mean: Tensor, std: Tensor, height: int, width: int) -> Tensor:
-    """An image in bytes at a quarter of its size, bilinear (align_corners=False), less `mean`, over `std`.
+def small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
+    """An image in bytes made `factor` times smaller, bilinear (align_corners=False), less `mean`, over `std`.
 
     Args:
-        image: [H, W, 3] uint8, contiguous; extended by its last row and column if 4 * height or 4 * width is more.
+        image: [H, W, 3] uint8, contiguous; extended by its last row and column if factor * height or factor * width is
+            more.
         mean, std: [3] float32, in the image's units.
+        factor: 2 or 4.
 
     Returns:
         [1, 3, height, width] float32.
@@ -116,7 +121,7 @@ def quarter_image(image: Tensor, mean: Tensor, std: Tensor, height: int, width: 
     Raises:
         RuntimeError: if an argument has the wrong dtype or shape.
     """
-    out: Tensor = torch.ops.anynet.quarter_image(image, mean, std, height, width)
+    out: Tensor = torch.ops.anynet.small_image(image, mean, std, factor, height, width)
     return out
 
 
@@ -129,9 +134,10 @@ def _fake_stem(
     weight_second: Tensor,
     scale: Tensor,
     shift: Tensor,
+    enlargement: int,
     multiple: int,
 ) -> Tensor:
-    height, width = (-(-size // multiple) * multiple for size in left.shape[:2])
+    height, width = (-(-size * enlargement // multiple) * multiple for size in left.shape[:2])
     return mean.new_empty(2, bias_first.shape[0], height // 4, width // 4)
 
 
@@ -153,7 +159,7 @@ def _fake_normalise_gates(gates: Tensor) -> Tensor:
     return torch.empty_like(gates, memory_format=torch.contiguous_format)
 
 
-def _fake_quarter_image(image: Tensor, mean: Tensor, std: Tensor, height: int, width: int) -> Tensor:
+def _fake_small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
     return mean.new_empty(1, 3, height, width)
 
 
@@ -167,7 +173,7 @@ for _fake in (
     _fake_upsample_concat,
     _fake_max_pool,
     _fake_normalise_gates,
-    _fake_quarter_image,
+    _fake_small_image,
 ):
     _name = "anynet::" + _fake.__name__.removeprefix("_fake_")
     torch.library.register_fake(_name, _fake)

@@ -71,18 +71,20 @@ Tensor normalise_gates(const Tensor& gates) {
   return out;
 }
 
-Tensor quarter_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t height, int64_t width) {
-  check_image("quarter_image", image);
-  check_contiguous("quarter_image", "mean", mean, 1);
-  check_tensor("quarter_image", "mean", mean, {3}, mean);
-  check_contiguous("quarter_image", "std", std, 1);
-  check_tensor("quarter_image", "std", std, {3}, mean);
-  ANYNET_CHECK(height > 0 && width > 0, "quarter_image: expected a size of at least one pixel, got ", height, " x ",
+Tensor small_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t factor, int64_t height,
+                   int64_t width) {
+  check_image("small_image", image);
+  check_contiguous("small_image", "mean", mean, 1);
+  check_tensor("small_image", "mean", mean, {3}, mean);
+  check_contiguous("small_image", "std", std, 1);
+  check_tensor("small_image", "std", std, {3}, mean);
+  ANYNET_CHECK(factor == 2 || factor == 4, "small_image: expected factor 2 or 4, got ", factor);
+  ANYNET_CHECK(height > 0 && width > 0, "small_image: expected a size of at least one pixel, got ", height, " x ",
                width);
   Tensor out = empty_like(mean, {1, 3, height, width});
-  const QuarterImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   height, width,
-                                 data<float>(mean),    data<float>(std), data<float>(out)};
-  anynet::quarter_image(chosen_isa(), args, num_threads());
+  const SmallImage<float> args{data<uint8_t>(image), image.size(0),     image.size(1),    factor,          height,
+                               width,                data<float>(mean), data<float>(std), data<float>(out)};
+  anynet::small_image(chosen_isa(), args, num_threads());
   return out;
 }
 
@@ -91,7 +93,7 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
         {at::Tag::pt2_compliant_tag});
   m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("normalise_gates(Tensor gates) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("quarter_image(Tensor image, Tensor mean, Tensor std, SymInt height, SymInt width) -> Tensor",
+  m.def("small_image(Tensor image, Tensor mean, Tensor std, int factor, SymInt height, SymInt width) -> Tensor",
         {at::Tag::pt2_compliant_tag});
   m.def("upsample_sum(Tensor[] maps, int[] ratios, float gain, SymInt height, SymInt width) -> Tensor",
         {at::Tag::pt2_compliant_tag});
@@ -102,7 +104,7 @@ STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
   m.impl("upsample_concat", TORCH_BOX(&upsample_concat));
   m.impl("max_pool", TORCH_BOX(&max_pool));
   m.impl("normalise_gates", TORCH_BOX(&normalise_gates));
-  m.impl("quarter_image", TORCH_BOX(&quarter_image));
+  m.impl("small_image", TORCH_BOX(&small_image));
 }
 
 }  // namespace anynet::ops

@@ -16,6 +16,8 @@ class AnyNetConfig:
     one stage per resolution, coarsest first, and a last one that refines: `blocks + 2` in all.
 
     Args:
+        input_scale: 1, or 2: the images are enlarged to twice their size first, which makes everything finer for four
+            times the work. Sizes and resolutions below are those of the enlarged images; estimates are not enlarged.
         channels: feature channels at full and half resolution; doubled with each halving after that.
         blocks: U-Net blocks below 1/4 resolution.
         layers: convolutions per U-Net block.
@@ -30,6 +32,7 @@ class AnyNetConfig:
             released code and weights do.
     """
 
+    input_scale: int = 1
     channels: int = 1
     blocks: int = 2
     layers: int = 2
@@ -45,6 +48,8 @@ class AnyNetConfig:
         for name in ("channels", "blocks", "layers", "spn_channels"):
             if getattr(self, name) < 1:
                 raise AnyNetError(f"AnyNetConfig: expected {name} >= 1, got {getattr(self, name)}")
+        if self.input_scale not in (1, 2):
+            raise AnyNetError(f"AnyNetConfig: expected input_scale 1 or 2, got {self.input_scale}")
         if self.cost_layers < 0:
             raise AnyNetError(f"AnyNetConfig: expected cost_layers >= 0, got {self.cost_layers}")
         for name in ("cost_channels", "ranges"):
@@ -69,4 +74,9 @@ class AnyNetConfig:
     @property
     def stride(self) -> int:
         """Input pixels per pixel of the coarsest features; the network pads images to multiples of it."""
-        return 4 << self.blocks
+        return (4 << self.blocks) // self.input_scale
+
+    @property
+    def finest(self) -> int:
+        """Input pixels per pixel of the finest features."""
+        return 4 // self.input_scale

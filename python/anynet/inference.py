@@ -101,7 +101,8 @@ class InferenceGraph:
             features.first.bias * scale + shift,
             features.halve.conv.weight.detach(),
             *_affine(features.down[0][0].norm),  # type: ignore[index]
-            self.config.stride,
+            self.config.input_scale,
+            self.config.input_scale * self.config.stride,
         )
         self._down, self._up = (
             [_chain(chain, activated=True) for chain in part] for part in (features.down, features.up)
@@ -154,9 +155,9 @@ class InferenceGraph:
             maps = [*maps, residual.mul_(scale * self._signs[i])]
             scales = [*scales, scale]
             yield enlarge(maps, scales)
-        disparity = self._sum_at(4, maps[:-1], scales[:-1], maps[-1].shape, gain=1.0)
-        disparity += _blur(maps[-1])
-        yield enlarge([self._refine(left, disparity)], [4])
+        disparity = self._sum_at(scales[-1], maps[:-1], scales[:-1], maps[-1].shape, gain=1.0)
+        disparity += _blur(maps[-1], scales[-1])
+        yield enlarge([self._refine(left, disparity)], scales[-1:])
 
     def _features(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
         """[2, C, h, w] per stage: of the left image and the right one."""
@@ -180,10 +181,10 @@ class InferenceGraph:
         return out[None, None]
 
     def _refine(self, left: Tensor, disparity: Tensor) -> Tensor:
-        """[1, 1, h, w] at 1/4 resolution to [h, w]."""
+        """[1, 1, h, w] at the finest features' resolution to [h, w]."""
         n = len(self.config.spn_directions)
         height, width = disparity.shape[2:]
-        image = _ops.quarter_image.default(left, self._mean, self._std, height, width)
+        image = _ops.small_image.default(left, self._mean, self._std, self.config.finest, height, width)
         gates = _run(self._guidance, image).view(n, 3, -1, height, width)
         gates = _ops.normalise_gates.default(gates)
         x = self._expand(disparity)
@@ -197,11 +198,12 @@ class InferenceGraph:
         return self._reduce(scans[0])[0, 0]
 
 
-def _blur(x: Tensor) -> Tensor:
-    """Enlarged four times and reduced again: 1/16, 7/8, 1/16 along both axes; the border is repeated."""
+def _blur(x: Tensor, factor: int) -> Tensor:
+    """Enlarged 2 or 4 times and reduced again: 1/8, 3/4, 1/8 or 1/16, 7/8, 1/16 along both axes; the border goes on."""
+    side = 1 / (4 * factor)
     for d in (0, 1):
         n = x.shape[d]
         before = torch.cat([x.narrow(d, 0, 1), x.narrow(d, 0, n - 1)], d)
         after = torch.cat([x.narrow(d, 1, n - 1), x.narrow(d, n - 1, 1)], d)
-        x = 0.875 * x + 0.0625 * (before + after)
+        x = (1 - 2 * side) * x + side * (before + after)
     return x

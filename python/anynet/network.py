@@ -85,7 +85,7 @@ class UNet(nn.Module):
 
 
 class Refinement(nn.Module):
-    """Spatial propagation at 1/4 resolution, steered by the left image (section III-D of the paper)."""
+    """Spatial propagation at the finest features' resolution, steered by the left image (section III-D of the paper)."""
 
     def __init__(self, config: AnyNetConfig) -> None:
         super().__init__()
@@ -113,7 +113,7 @@ class Refinement(nn.Module):
         return normalised
 
     def forward(self, image: Tensor, disparity: Tensor) -> Tensor:
-        """Both at 1/4 resolution."""
+        """Both at the resolution of the finest features."""
         x, gates = self.expand(disparity), self.gates(image)
         scans = torch.stack([spatial_propagation(x, gates[:, i], d) for i, d in enumerate(self.directions)])
         out: Tensor = self.reduce(scans.amax(0) if self.combine == "max" else scans.mean(0))
@@ -165,9 +165,12 @@ class AnyNet(nn.Module):
 
     def _padded_stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
         height, width = left.shape[2:]
+        images = torch.cat([left, right])
+        if self.config.input_scale > 1:
+            images = resize(images, (height * self.config.input_scale, width * self.config.input_scale))
         estimate: Tensor | None = None
         for features, cost_net, (first, last) in zip(
-            self.features(torch.cat([left, right])), self.cost_nets, self.config.ranges, strict=True
+            self.features(images), self.cost_nets, self.config.ranges, strict=True
         ):
             of_left, of_right = features.chunk(2)
             small = features.shape[2:]
@@ -184,5 +187,5 @@ class AnyNet(nn.Module):
             estimate = resize(soft_argmin(cost, first), (height, width), scale=scale, add=estimate)
             yield estimate
         assert estimate is not None
-        quarter = (height // 4, width // 4)
-        yield resize(self.refinement(resize(left, quarter), resize(estimate, quarter)), (height, width))
+        finest = (height // self.config.finest, width // self.config.finest)
+        yield resize(self.refinement(resize(left, finest), resize(estimate, finest)), (height, width))

@@ -6,16 +6,26 @@ import pytest
 import torch
 from torch import nn
 
-from anynet import AnyNet
+from anynet import AnyNet, AnyNetConfig
 from anynet.network import Convolution
+from anynet.training.recipe import PRESETS
 
 
-@pytest.fixture(scope="session")
-def wild_model() -> AnyNet:
+def wild(config: AnyNetConfig | None = None) -> AnyNet:
     """Random weights of larger scales than training begins with: disparities from -40 to 200, mostly positive."""
-    model = AnyNet()
+    model = AnyNet(config)
     torch.manual_seed(8)
     for module in model.modules():
         if isinstance(module, Convolution):
             nn.init.normal_(module.weight, std=math.sqrt(2 / module.weight[:, 0].numel()))
     return model.eval()
+
+
+@pytest.fixture(scope="session")
+def wild_model() -> AnyNet:
+    return wild()
+
+
+@pytest.fixture(scope="session")
+def wild_fine_model() -> AnyNet:
+    return wild(PRESETS["fine"].network)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 import torch
+import torch.nn.functional as F
 
 from anynet import AnyNet, AnyNetConfig
 from anynet.errors import AnyNetError
@@ -108,6 +109,17 @@ def test_reversed_residuals_are_the_other_direction_of_search() -> None:
     torch.testing.assert_close(reversed_second - first, first - second, rtol=1e-4, atol=1e-3)
 
 
+def test_input_scale_is_enlarging_the_images(wild_model: AnyNet) -> None:
+    """Reducing the enlarged result is exact but where a kink of the last enlargement lies between the two pixels."""
+    fine = AnyNet(AnyNetConfig(input_scale=2)).eval()
+    fine.load_state_dict(wild_model.state_dict())
+    images = pair(40, 72)
+    with torch.no_grad():
+        expected = wild_model(*(F.interpolate(image, scale_factor=2, mode="bilinear") for image in images), stages=2)
+        for estimate, large in zip(fine(*images), expected, strict=False):
+            torch.testing.assert_close(estimate, F.avg_pool2d(large, 2) / 2, rtol=1e-4, atol=1e-3)
+
+
 @pytest.mark.parametrize("combine", ["max", "mean"])
 def test_other_shapes_of_network(combine: str) -> None:
     config = AnyNetConfig(
@@ -130,6 +142,7 @@ def test_other_shapes_of_network(combine: str) -> None:
     ("options", "message"),
     [
         ({"blocks": 1}, "cost_channels for each of 2 stages"),
+        ({"input_scale": 3}, "input_scale 1 or 2, got 3"),
         ({"channels": 0}, "channels >= 1, got 0"),
         ({"cost_layers": -1}, "cost_layers >= 0, got -1"),
         ({"ranges": ((0, 11), (2, -2), (-2, 2))}, "first <= last"),

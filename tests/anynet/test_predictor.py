@@ -26,6 +26,13 @@ def weights(tmp_path_factory: pytest.TempPathFactory, wild_model: AnyNet) -> Pat
 
 
 @pytest.fixture(scope="module")
+def fine_weights(tmp_path_factory: pytest.TempPathFactory, wild_fine_model: AnyNet) -> Path:
+    path = tmp_path_factory.mktemp("weights") / "fine.safetensors"
+    save_checkpoint(path, wild_fine_model)
+    return path
+
+
+@pytest.fixture(scope="module")
 def predictor(weights: Path) -> Predictor:
     return Predictor(weights)
 
@@ -36,14 +43,17 @@ def pair(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     return image[:, :-4].copy(), image[:, 4:].copy()
 
 
+@pytest.mark.parametrize("fine", [False, True])
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (37, 61), (64, 128)])
-def test_stages_are_the_networks(predictor: Predictor, weights: Path, height: int, width: int) -> None:
+def test_stages_are_the_networks(weights: Path, fine_weights: Path, height: int, width: int, fine: bool) -> None:
+    weights = fine_weights if fine else weights
+    predictor = Predictor(weights)
     left, right = pair(height, width)
     tensors = [torch.from_numpy((image / 255 - MEAN) / STD).permute(2, 0, 1)[None].float() for image in (left, right)]
     with torch.no_grad():
         expected = load_checkpoint(weights)(*tensors)
     estimates = list(predictor.stages(left, right))
-    assert [e.stage for e in estimates] == [1, 2, 3, 4]
+    assert [e.stage for e in estimates] == list(range(1, 6 if fine else 5))
     for estimate, disparity in zip(estimates, expected, strict=True):
         assert estimate.disparity.dtype == np.float32
         np.testing.assert_allclose(estimate.disparity, disparity[0, 0].numpy(), atol=0.01)

@@ -32,16 +32,18 @@ def threads(request: pytest.FixtureRequest) -> None:
     torch.set_num_threads(before)
 
 
+@pytest.mark.parametrize("enlargement", [1, 2])
 @pytest.mark.parametrize("multiple", [4, 16])
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (4, 4), (5, 7), (32, 64), (37, 130), (64, 273)])
-def test_stem(height: int, width: int, channels: int, multiple: int) -> None:
+def test_stem(height: int, width: int, channels: int, multiple: int, enlargement: int) -> None:
     left, right = image(height, width), image(height, width, seed=1)
     mean, first, bias = 100 + random(3), random(channels, 3, 3, 3) / 100, random(channels)
     second, scale, shift = random(channels, channels, 3, 3), random(channels), random(channels)
-    out = inference.stem(left, right, mean, first, bias, second, scale, shift, multiple=multiple)
+    out = inference.stem(left, right, mean, first, bias, second, scale, shift, enlargement=enlargement, multiple=multiple)
     x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
-    x = F.pad(x, (0, -width % multiple, 0, -height % multiple), mode="replicate")
+    x = F.interpolate(x, scale_factor=enlargement, mode="bilinear")
+    x = F.pad(x, (0, -x.shape[3] % multiple, 0, -x.shape[2] % multiple), mode="replicate")
     x = F.max_pool2d(F.conv2d(F.relu(F.conv2d(x, first, bias, padding=1)), second, padding=1, stride=2), 2)
     assert_close(out, affine_relu(x, scale, shift), rtol=1e-4, atol=1e-4)
 
@@ -80,11 +82,12 @@ def test_normalise_gates(shape: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize(("height", "width"), [(4, 4), (16, 20), (1, 1), (37, 61)])
-def test_quarter_image(height: int, width: int) -> None:
+@pytest.mark.parametrize("factor", [2, 4])
+def test_small_image(height: int, width: int, factor: int) -> None:
     left, mean, std = image(height, width), random(3), random(3).abs() + 1
-    x = F.pad(left.permute(2, 0, 1)[None].float(), (0, -width % 4, 0, -height % 4), mode="replicate")
-    x = F.interpolate(x, scale_factor=0.25, mode="bilinear")
-    out = inference.quarter_image(left, mean, std, *x.shape[2:])
+    x = F.pad(left.permute(2, 0, 1)[None].float(), (0, -width % factor, 0, -height % factor), mode="replicate")
+    x = F.interpolate(x, scale_factor=1 / factor, mode="bilinear")
+    out = inference.small_image(left, mean, std, factor, *x.shape[2:])
     assert_close(out, (x - mean[:, None, None]) / std[:, None, None], rtol=1e-4, atol=1e-4)
 
 
@@ -102,6 +105,7 @@ def test_operators_are_good_citizens() -> None:
                 random(2, 2, 3, 3),
                 random(2),
                 random(2),
+                2,
                 16,
             ),
         ),
@@ -109,7 +113,7 @@ def test_operators_are_good_citizens() -> None:
         (ops.upsample_concat, (random(1, 2, 4, 4), random(1, 1, 2, 2), random(3), random(3))),
         (ops.max_pool, (random(1, 2, 4, 4), random(2), random(2))),
         (ops.normalise_gates, (random(1, 3, 2, 4, 4),)),
-        (ops.quarter_image, (image(8, 8), random(3), random(3), 2, 2)),
+        (ops.small_image, (image(8, 8), random(3), random(3), 4, 2, 2)),
     ):
         torch.library.opcheck(op.default, args)
 
@@ -125,6 +129,8 @@ def test_errors() -> None:
         inference.stem(image(8, 8), image(8, 9), *weights)
     with pytest.raises(RuntimeError, match=r"contiguous uint8 image of shape \[H, W, 3\], got \[8, 8\]"):
         inference.stem(image(8, 8)[..., 0], image(8, 8), *weights)
+    with pytest.raises(RuntimeError, match="enlargement of 1 or 2, got 3"):
+        inference.stem(image(8, 8), image(8, 8), *weights, enlargement=3)
     with pytest.raises(RuntimeError, match="multiple of 4, got 6"):
         inference.stem(image(8, 8), image(8, 8), *weights, multiple=6)
     with pytest.raises(RuntimeError, match=r"weight_second of shape \[2, 2, 3, 3\], got \[1, 1, 3, 3\]"):
@@ -142,4 +148,6 @@ def test_errors() -> None:
     with pytest.raises(RuntimeError, match=r"shape \[N, 3, C, H, W\], got \[1, 2, 1, 2, 2\]"):
         inference.normalise_gates(random(1, 2, 1, 2, 2))
     with pytest.raises(RuntimeError, match="at least one pixel"):
-        inference.quarter_image(image(8, 8), random(3), random(3), 0, 2)
+        inference.small_image(image(8, 8), random(3), random(3), 4, 0, 2)
+    with pytest.raises(RuntimeError, match="factor 2 or 4, got 3"):
+        inference.small_image(image(8, 8), random(3), random(3), 3, 2, 2)

@@ -52,12 +52,13 @@ struct NormaliseGates {
   T* out;               // [N,3,size]
 };
 
-/// The image at a quarter of its size, bilinear (so: the mean of the middle 2x2 of each 4x4), and normalised:
-/// out[c] = (quarter[c] - mean[c]) / std[c]. Beyond the image its last row and column go on.
+/// The image at half or a quarter of its size, bilinear (so: the mean of the middle 2x2 of each 2x2 or 4x4), and
+/// normalised: out[c] = (small[c] - mean[c]) / std[c]. Beyond the image its last row and column go on.
 template <class T>
-struct QuarterImage {
+struct SmallImage {
   const uint8_t* image;  // RGB, [image_height, image_width, 3], contiguous
   int64_t image_height, image_width;
+  int64_t factor;         // 2 or 4
   int64_t height, width;  // of the output
   const T* mean;          // [3], in bytes' units, as std
   const T* std;           // [3]
@@ -68,6 +69,6 @@ ANYNET_DECLARE_KERNEL(upsample_sum, UpsampleSum)
 ANYNET_DECLARE_KERNEL(upsample_concat, UpsampleConcat)
 ANYNET_DECLARE_KERNEL(max_pool, MaxPool)
 ANYNET_DECLARE_KERNEL(normalise_gates, NormaliseGates)
-ANYNET_DECLARE_KERNEL(quarter_image, QuarterImage)
+ANYNET_DECLARE_KERNEL(small_image, SmallImage)
 
 }  // namespace anynet

@@ -201,17 +201,18 @@ void normalise_gates(const NormaliseGates<T>& a, int threads) {
 }
 
 template <class T>
-void quarter_image(const QuarterImage<T>& a, int threads) {
-  const T factor[3] = {T(0.25) / a.std[0], T(0.25) / a.std[1], T(0.25) / a.std[2]};
+void small_image(const SmallImage<T>& a, int threads) {
+  const int64_t first = a.factor / 2 - 1;
+  const T gain[3] = {T(0.25) / a.std[0], T(0.25) / a.std[1], T(0.25) / a.std[2]};
   parallel_for(a.height, useful_threads(a.height * a.width * 16, threads), [&](int64_t y) {
-    const uint8_t* upper = a.image + std::min(4 * y + 1, a.image_height - 1) * a.image_width * 3;
-    const uint8_t* lower = a.image + std::min(4 * y + 2, a.image_height - 1) * a.image_width * 3;
+    const uint8_t* upper = a.image + std::min(a.factor * y + first, a.image_height - 1) * a.image_width * 3;
+    const uint8_t* lower = a.image + std::min(a.factor * y + first + 1, a.image_height - 1) * a.image_width * 3;
     for (int64_t x = 0; x < a.width; ++x) {
-      const int64_t left = 3 * std::min(4 * x + 1, a.image_width - 1),
-                    right = 3 * std::min(4 * x + 2, a.image_width - 1);
+      const int64_t left = 3 * std::min(a.factor * x + first, a.image_width - 1),
+                    right = 3 * std::min(a.factor * x + first + 1, a.image_width - 1);
       for (int c = 0; c < 3; ++c) {
         const int32_t sum = upper[left + c] + upper[right + c] + lower[left + c] + lower[right + c];
-        a.out[(c * a.height + y) * a.width + x] = (static_cast<T>(sum) - 4 * a.mean[c]) * factor[c];
+        a.out[(c * a.height + y) * a.width + x] = (static_cast<T>(sum) - 4 * a.mean[c]) * gain[c];
       }
     }
   });
@@ -221,6 +222,6 @@ template void upsample_sum<float>(const UpsampleSum<float>&, int);
 template void upsample_concat<float>(const UpsampleConcat<float>&, int);
 template void max_pool<float>(const MaxPool<float>&, int);
 template void normalise_gates<float>(const NormaliseGates<float>&, int);
-template void quarter_image<float>(const QuarterImage<float>&, int);
+template void small_image<float>(const SmallImage<float>&, int);
 
 }  // namespace anynet::ANYNET_ISA

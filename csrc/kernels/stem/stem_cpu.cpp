@@ -44,6 +44,7 @@ class Strip {
         bytes_(pitch_ * 12),
         inputs_(4 * 3 * row()),
         first_(5 * a.channels * row()),
+        planes_(a.enlargement == 2 ? 3 * 6 * pitch_ : 0),
         result_(pitch_) {
     fill_zero<T>(inputs_, 4 * 3 * row());
     fill_zero<T>(first_, 5 * a.channels * row());
@@ -81,6 +82,15 @@ class Strip {
       for (int c = 0; c < 3; ++c) fill_zero(input(r, c, 0) - lanes<T>, row());
       return;
     }
+    if (a_.enlargement == 2) {
+      read_enlarged(r);
+    } else {
+      read_plain(r);
+    }
+    for (int c = 0; c < 3; ++c) input(r, c, 0)[quarter_] = 0;  // the padding's column
+  }
+
+  void read_plain(int64_t r) {
     std::memcpy(bytes_, image_ + std::min(r, a_.image_height - 1) * a_.image_width * 3, a_.image_width * 3);
     for (int64_t i = a_.image_width * 3; i < a_.width * 3; ++i) bytes_[i] = bytes_[i - 3];
     for (int64_t j = 0; j < quarter_; j += lanes<T>) {
@@ -95,7 +105,48 @@ class Strip {
         }
       }
     }
-    for (int c = 0; c < 3; ++c) input(r, c, 0)[quarter_] = 0;  // the padding's column
+  }
+
+  /// Between two rows of the image: 3/4 of the nearer, 1/4 of the farther.
+  void read_enlarged(int64_t r) {
+    const T *near = split(r / 2), *far = split(r % 2 ? r / 2 + 1 : std::max(r / 2 - 1, int64_t{0}));
+    for (int c = 0; c < 3; ++c, near += 2 * pitch_, far += 2 * pitch_) {
+      const vec<T> mean = splat(a_.mean[c]), much = splat(T(0.75)), little = splat(T(0.25));
+      const auto between = [&](int64_t i) { return much * load(near + i) + little * load(far + i) - mean; };
+      T* out = input(r, c, 0);
+      for (int64_t j = 0; j < quarter_; j += lanes<T>) {
+        const vec<T> before = between(pitch_ + j - 1), even = between(j), odd = between(pitch_ + j),
+                     after = between(j + 1);
+        store(out + j, much * even + little * before);
+        store(out + pitch_ + j, much * even + little * odd);
+        store(out + 2 * pitch_ + j, much * odd + little * even);
+        store(out + 3 * pitch_ + j, much * odd + little * after);
+      }
+    }
+  }
+
+  /// A row of the image, or its last: per channel the even and the odd columns, one more at either end, a pitch apart.
+  const T* split(int64_t r) {
+    r = std::min(r, a_.image_height - 1);
+    T* planes = planes_ + r % 3 * 6 * pitch_ + lanes<T>;
+    if (held_[r % 3] == r) return planes;
+    held_[r % 3] = r;
+    const uint8_t* pixels = image_ + r * a_.image_width * 3;
+    const int64_t pairs = a_.image_width / 2;
+    for (int c = 0; c < 3; ++c) {
+      T* __restrict even = planes + 2 * c * pitch_;
+      T* __restrict odd = even + pitch_;
+      for (int64_t j = 0; j < pairs; ++j) {
+        even[j] = pixels[6 * j + c];
+        odd[j] = pixels[6 * j + 3 + c];
+      }
+      const T last = pixels[3 * a_.image_width - 3 + c];
+      if (a_.image_width % 2) even[pairs] = last;
+      for (int64_t j = pairs + a_.image_width % 2; j <= quarter_; ++j) even[j] = last;
+      for (int64_t j = pairs; j < quarter_; ++j) odd[j] = last;
+      odd[-1] = pixels[c];
+    }
+    return planes;
   }
 
   /// Row r of f, from rows r - 1 to r + 1 of x.
@@ -154,7 +205,10 @@ class Strip {
   const uint8_t* image_;
   const int64_t quarter_, pitch_;
   Scratch<uint8_t> bytes_;
-  Scratch<T> inputs_, first_, result_;
+  Scratch<T> inputs_, first_;
+  Scratch<T> planes_;  // of the last three rows of the image that were split
+  int64_t held_[3] = {-1, -1, -1};
+  Scratch<T> result_;
 };
 
 }  // namespace

@@ -105,6 +105,21 @@ PRESETS: dict[str, Recipe] = {
     "paper-kitti": Recipe(epochs=300, rate=5e-4, schedule="step", augment=False, clip=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
     "default": Recipe(steps=8_000, rate=2e-3, warm_up=100),
+    "fine": Recipe(
+        network=AnyNetConfig(
+            input_scale=2,
+            channels=4,
+            blocks=3,
+            cost_channels=(16, 16, 8, 4),
+            ranges=((0, 11), (-4, 4), (-3, 3), (-2, 2)),
+        ),
+        stage_weights=(0.25, 0.5, 0.5, 1.0, 1.0),
+        steps=6_000,
+        batch=3,
+        crop=(192, 384),
+        rate=2e-3,
+        warm_up=100,
+    ),
     "kitti": Recipe(weights="default", steps=1_000, rate=1e-3, warm_up=100),
 }
 
