@@ -82,8 +82,8 @@ Tensor small_image(const Tensor& image, const Tensor& mean, const Tensor& std, i
   ANYNET_CHECK(height > 0 && width > 0, "small_image: expected a size of at least one pixel, got ", height, " x ",
                width);
   Tensor out = empty_like(mean, {1, 3, height, width});
-  const SmallImage<float> args{data<uint8_t>(image), image.size(0),     image.size(1),    factor,          height,
-                               width,                data<float>(mean), data<float>(std), data<float>(out)};
+  const SmallImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   factor, height, width,
+                               data<float>(mean),    data<float>(std), data<float>(out)};
   anynet::small_image(chosen_isa(), args, num_threads());
   return out;
 }

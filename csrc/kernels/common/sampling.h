@@ -15,36 +15,39 @@ namespace anynet::ANYNET_ISA {
 template <class A>
 class Positions {
  public:
+  using Indices = typename Simd<A>::indices;
+
   explicit Positions(int64_t width)
       : width_(width),
         fraction(round_up(width, lanes<A>)),
         index(round_up(width, lanes<A>)),
-        window(round_up(width, lanes<A>) / lanes<A>) {
-    fill_zero<A>(fraction, round_up(width, lanes<A>));
-  }
+        window(round_up(width, lanes<A>) / lanes<A>) {}
 
   template <class T>
   void read(const T* disparity, int64_t stride, int64_t offset, int32_t lowest, int32_t highest) {
     constexpr A large = 1 << 30;
     const A* d = read_row(disparity, stride, width_, static_cast<A*>(fraction));
     const A shift = static_cast<A>(offset);
-#pragma omp simd
-    for (int64_t x = 0; x < width_; ++x) {
-      const A value = -d[x];
-      A p = value < large ? value : large;  // NaN: `large`, for now
-      p = p > -large ? p : -large;
-      A whole = static_cast<A>(static_cast<int32_t>(p));
-      whole = whole > p ? whole - 1 : whole;
-      A moved = whole - shift;
-      moved = moved < large ? moved : large;
-      moved = moved > -large ? moved : -large;
-      int32_t i = static_cast<int32_t>(x) + static_cast<int32_t>(moved);
-      i = i < lowest ? lowest : i;
-      i = i > highest ? highest : i;
-      index[x] = value == value ? i : lowest;
-      fraction[x] = value == value ? p - whole : value;
+    Indices column;
+    for (int i = 0; i < lanes<A>; ++i) column[i] = i;
+    for (int64_t x = 0; x < width_; x += lanes<A>, column += lanes<A>) {
+      const vec<A> value = -read_vector<A>(d + x, 1, width_ - x < lanes<A> ? width_ - x : lanes<A>);
+      const auto bounded = [](vec<A> v) { return at_least<A>(at_most<A>(v, large), -large); };  // NaN: `large`
+      const vec<A> p = bounded(value);
+      vec<A> whole = __builtin_convertvector(__builtin_convertvector(p, Indices), vec<A>);
+      whole -= whole > p ? splat<A>(1) : vec<A>{};
+      Indices i = column + __builtin_convertvector(bounded(whole - shift), Indices);
+      i = i < lowest ? lowest + Indices{} : i;
+      i = i > highest ? highest + Indices{} : i;
+      const Indices known = __builtin_convertvector(value == value, Indices);
+      i = (i & known) | (lowest & ~known);
+      std::memcpy(index + x, &i, sizeof(i));
+      store(fraction + x, value == value ? p - whole : value);
     }
-    for (int64_t x = width_; x < round_up(width_, lanes<A>); ++x) index[x] = index[width_ - 1];
+    for (int64_t x = width_; x < round_up(width_, lanes<A>); ++x) {
+      index[x] = index[width_ - 1];
+      fraction[x] = 0;
+    }
     for (int64_t x = 0; x < width_; x += lanes<A>) {
       int32_t low = INT32_MAX, high = INT32_MIN;
 #pragma omp simd reduction(min : low) reduction(max : high)
@@ -52,11 +55,12 @@ class Positions {
         low = index[x + i] < low ? index[x + i] : low;
         high = index[x + i] > high ? index[x + i] : high;
       }
-      window[x / lanes<A>] = high - low < 2 * lanes<A> ? low : no_window;
+      window[x / lanes<A>] = high - low + neighbours <= 2 * lanes<A> ? low : no_window;
     }
   }
 
   static constexpr int32_t no_window = INT32_MIN;
+  static constexpr int neighbours = 6;  // elements from each position's on that the same two vectors shall hold
 
  private:
   const int64_t width_;
@@ -64,23 +68,26 @@ class Positions {
  public:
   Scratch<A> fraction;
   Scratch<int32_t> index;
-  Scratch<int32_t> window;  // per vector of pixels: its lowest index, if all lie within two vectors from there
+  Scratch<int32_t> window;  // per vector of pixels: its lowest index, if the others are near enough
 };
 
-/// The elements of a row at one vector of pixels' indices, moved by some columns: neighbouring pixels mostly read
-/// neighbouring elements, which two loads and a permutation gather.
+/// The elements of a row at one vector of pixels' indices and beside them: neighbouring pixels mostly read neighbouring
+/// elements, which two loads and permutations gather.
 template <class A>
 class Windowed {
  public:
   ANYNET_INLINE Windowed(const Positions<A>& at, int64_t x) : low_(at.window[x / lanes<A>]) {
-    typedef int32_t Indices __attribute__((vector_size(lanes<A> * sizeof(int32_t))));
-    Indices indices;
+    typename Positions<A>::Indices indices;
     std::memcpy(&indices, at.index + x, sizeof(indices));
     select_ = __builtin_convertvector(indices - static_cast<int32_t>(low_), typename Simd<A>::mask);
   }
-  ANYNET_INLINE vec<A> operator()(const A* row, int64_t move) const {
-    const A* p = row + low_ + move;
-    return __builtin_shuffle(load(p), load(p + lanes<A>), select_);
+  /// The elements at the indices plus move, plus move - 1, ... plus move - n + 1.
+  template <int n>
+  ANYNET_INLINE void descending(const A* row, int64_t move, vec<A>* out) const {
+    static_assert(n <= Positions<A>::neighbours);
+    const A* p = row + low_ + move - (n - 1);
+    const vec<A> first = load(p), second = load(p + lanes<A>);
+    for (int i = 0; i < n; ++i) out[i] = __builtin_shuffle(first, second, select_ + (n - 1 - i));
   }
 
  private:
@@ -93,10 +100,13 @@ template <class A>
 class Gathered {
  public:
   Gathered(const Positions<A>& at, int64_t x) : index_(at.index + x) {}
-  ANYNET_INLINE vec<A> operator()(const A* row, int64_t move) const {
-    A gathered[lanes<A>];
-    for (int64_t i = 0; i < lanes<A>; ++i) gathered[i] = row[index_[i] + move];
-    return load(gathered);
+  template <int n>
+  ANYNET_INLINE void descending(const A* row, int64_t move, vec<A>* out) const {
+    for (int j = 0; j < n; ++j) {
+      A gathered[lanes<A>];
+      for (int64_t i = 0; i < lanes<A>; ++i) gathered[i] = row[index_[i] + move - j];
+      out[j] = load(gathered);
+    }
   }
 
  private:

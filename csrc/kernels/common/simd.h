@@ -30,11 +30,13 @@ template <>
 struct Simd<float> {
   typedef float vec __attribute__((vector_size(vector_bytes)));
   typedef int32_t mask __attribute__((vector_size(vector_bytes)));
+  typedef int32_t indices __attribute__((vector_size(vector_bytes)));
 };
 template <>
 struct Simd<double> {
   typedef double vec __attribute__((vector_size(vector_bytes)));
   typedef int64_t mask __attribute__((vector_size(vector_bytes)));
+  typedef int32_t indices __attribute__((vector_size(vector_bytes / 2)));
 };
 template <class A>
 using vec = typename Simd<A>::vec;
@@ -60,6 +62,29 @@ template <class A>
 ANYNET_INLINE vec<A> absolute(vec<A> v) {
   using mask = typename Simd<A>::mask;
   return reinterpret_cast<vec<A>>(reinterpret_cast<mask>(v) & ~reinterpret_cast<mask>(splat<A>(-A(0))));
+}
+
+/// The smaller of each element and a bound, or the larger; the bound where the element is NaN.
+template <class A>
+ANYNET_INLINE vec<A> at_most(vec<A> v, A bound) {
+  return v < bound ? v : splat(bound);
+}
+template <class A>
+ANYNET_INLINE vec<A> at_least(vec<A> v, A bound) {
+  return v > bound ? v : splat(bound);
+}
+
+/// The smaller of each pair; `b` where an element is NaN.
+template <class A>
+ANYNET_INLINE vec<A> smaller(vec<A> a, vec<A> b) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(A) == 4) {
+    constexpr __mmask16 all = 0xffff;
+    return reinterpret_cast<vec<A>>(
+        _mm512_maskz_min_ps(all, reinterpret_cast<__m512>(a), reinterpret_cast<__m512>(b)));
+  }
+#endif
+  return a < b ? a : b;
 }
 
 /// A number as a type, for templates.

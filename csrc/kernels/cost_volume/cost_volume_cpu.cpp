@@ -40,7 +40,10 @@ template <class A>
 class Shifted {
  public:
   explicit Shifted(int64_t x) : x_(x) {}
-  ANYNET_INLINE vec<A> operator()(const A* row, int64_t move) const { return load(row + x_ + move); }
+  template <int n>
+  ANYNET_INLINE void descending(const A* row, int64_t move, vec<A>* out) const {
+    for (int i = 0; i < n; ++i) out[i] = load(row + x_ + move - i);
+  }
 
  private:
   const int64_t x_;
@@ -54,11 +57,10 @@ ANYNET_INLINE void sum_differences(const Rows<A>& left, const Rows<A>& right, in
   vec<A> sum[K] = {};
   for (int64_t c = 0; c < C; ++c) {
     const vec<A> l = load(left[c] + x);
-    vec<A> next = Between ? gather(right[c], 1 - first) : vec<A>{};
+    vec<A> r[K + Between];
+    gather.template descending<K + Between>(right[c], Between - first, r);
     for (int k = 0; k < K; ++k) {
-      const vec<A> here = gather(right[c], -first - k);
-      sum[k] += absolute<A>(l - (Between ? (1 - fraction) * here + fraction * next : here));
-      next = here;
+      sum[k] += absolute<A>(l - (Between ? (1 - fraction) * r[k + Between] + fraction * r[k] : r[k]));
     }
   }
   for (int k = 0; k < K; ++k) sums[k] = sum[k];
@@ -68,14 +70,14 @@ ANYNET_INLINE void sum_differences(const Rows<A>& left, const Rows<A>& right, in
 template <bool Between, class A, class Gather>
 ANYNET_INLINE void sum_all_differences(const Rows<A>& left, const Rows<A>& right, int64_t C, int64_t x, int64_t first,
                                        int64_t K, const Gather& gather, vec<A> fraction, vec<A>* sums) {
-  constexpr int most = vector_bytes == 64 ? 16 : 8;
+  constexpr int most = Between ? Positions<A>::neighbours - 1 : vector_bytes == 64 ? 16 : 8;
   int64_t k = 0;
   const auto run = [&](auto count) {
     sum_differences<count(), Between>(left, right, C, x, first + k, gather, fraction, sums + k);
     k += count();
   };
   while (K - k >= most) run(Constant<most>{});
-  if (K - k >= 8) run(Constant<8>{});
+  if (!Between && K - k >= 8) run(Constant<Between ? 1 : 8>{});
   while (K - k >= 5) run(Constant<5>{});
   if (K - k >= 3) run(Constant<3>{});
   while (K - k >= 1) run(Constant<1>{});

@@ -26,7 +26,7 @@ void warp(const Warp<T>& a, int threads) {
   const int64_t N = a.image.size[0], C = a.image.size[1], H = a.image.size[2], W = a.image.size[3];
   if (W == 0) return;
   parallel_ranges(N * H, useful_threads(N * C * H * W * 4, threads), [&](int64_t begin, int64_t end) {
-    Scratch<A> padded(W + 2 * padding<A>), out(round_up(W, lanes<A>));
+    Scratch<A> padded(W + 2 * padding<A>);
     Positions<A> at(W);
     fill_zero<A>(padded, W + 2 * padding<A>);
     A* const row = padded + padding<A>;
@@ -36,13 +36,15 @@ void warp(const Warp<T>& a, int threads) {
       for (int64_t c = 0; c < C; ++c) {
         const T* image = a.image.data + n * a.image.stride[0] + c * a.image.stride[1] + y * a.image.stride[2];
         copy_row(image, a.image.stride[3], W, row);
+        T* const out = a.out + ((n * C + c) * H + y) * W;
         for (int64_t x = 0; x < W; x += lanes<A>) {
           gather_at(at, x, [&](const auto& gather) {
             const vec<A> f = load(at.fraction + x);
-            store(out + x, (1 - f) * gather(row, 0) + f * gather(row, 1));
+            vec<A> sides[2];
+            gather.template descending<2>(row, 1, sides);
+            write_vector<T>((1 - f) * sides[1] + f * sides[0], W - x < lanes<A> ? W - x : lanes<A>, out + x);
           });
         }
-        write_row<T>(out, W, a.out + ((n * C + c) * H + y) * W);
       }
     }
   });
@@ -71,7 +73,9 @@ void warp_backward(const WarpBackward<T>& a, int threads) {
         copy_row(arriving, a.grad.stride[3], W, static_cast<A*>(grad));
         for (int64_t x = 0; x < W; x += lanes<A>) {
           gather_at(at, x, [&](const auto& gather) {
-            store(grad_disparity + x, load(grad_disparity + x) - load(grad + x) * (gather(row, 1) - gather(row, 0)));
+            vec<A> sides[2];
+            gather.template descending<2>(row, 1, sides);
+            store(grad_disparity + x, load(grad_disparity + x) - load(grad + x) * (sides[0] - sides[1]));
           });
         }
         fill_zero<A>(scattered, padded_width);
