@@ -6,6 +6,8 @@ types are computed in float32 and rounded once.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -122,3 +124,72 @@ def resize(
     (wide,) = _widen(input)
     out = scale * F.interpolate(wide, size, mode="bilinear", align_corners=align_corners)
     return (out if add is None else out + _widen(add)[0]).to(input.dtype)
+
+
+# The operators of `anynet_ext._inference`; images are uint8 [H,W,3].
+
+
+def _affine_relu(x: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    return F.relu(scale[:, None, None] * x + shift[:, None, None])
+
+
+def _extended(images: Tensor, multiple: int) -> Tensor:
+    """[N,3,H,W], with the last row and column repeated until `multiple` divides the size."""
+    height, width = images.shape[2:]
+    return F.pad(images, (0, -width % multiple, 0, -height % multiple), mode="replicate")
+
+
+def stem(
+    left: Tensor,
+    right: Tensor,
+    mean: Tensor,
+    weight_first: Tensor,
+    bias_first: Tensor,
+    weight_second: Tensor,
+    scale: Tensor,
+    shift: Tensor,
+    *,
+    enlargement: int = 1,
+    multiple: int = 4,
+) -> Tensor:
+    """relu(scale * max_pool(conv(relu(conv(enlarged images - mean)))) + shift)"""
+    x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
+    x = _extended(F.interpolate(x, scale_factor=enlargement, mode="bilinear"), multiple)
+    x = F.relu(F.conv2d(x, weight_first, bias_first, padding=1))
+    return max_pool(F.conv2d(x, weight_second, padding=1, stride=2), scale, shift)
+
+
+def upsample_sum(
+    maps: Sequence[Tensor], ratios: Sequence[int], height: int, width: int, *, gain: float = 1.0
+) -> Tensor:
+    """gain * sum_i bilinear(maps[i]), cut to height x width"""
+    enlarged = [
+        F.interpolate(m[None, None], scale_factor=ratio, mode="bilinear")[0, 0, :height, :width]
+        for m, ratio in zip(maps, ratios, strict=True)
+    ]
+    return gain * torch.stack(enlarged).sum(0)
+
+
+def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    """relu(scale * cat([skip, enlarged coarse]) + shift)"""
+    enlarged = F.interpolate(coarse, skip.shape[2:], mode="bilinear", align_corners=True)
+    return _affine_relu(torch.cat([skip, enlarged], 1), scale, shift)
+
+
+def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    """relu(scale * max_pool2x2(input) + shift)"""
+    return _affine_relu(F.max_pool2d(input, 2), scale, shift)
+
+
+def normalise_gates(gates: Tensor) -> Tensor:
+    """gates / (sum of the absolute values of each pixel's three + 1e-8)"""
+    return gates / (gates.abs().sum(1, keepdim=True) + 1e-8)
+
+
+def small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
+    """(bilinear(image / factor) - mean) / std, cut to height x width"""
+    images = image.permute(2, 0, 1)[None].float()
+    rows, columns = max(0, factor * height - image.shape[0]), max(0, factor * width - image.shape[1])
+    images = F.pad(images, (0, columns, 0, rows), mode="replicate")[..., : factor * height, : factor * width]
+    small = F.interpolate(images, scale_factor=1 / factor, mode="bilinear")
+    return (small - mean[:, None, None]) / std[:, None, None]

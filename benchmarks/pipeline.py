@@ -22,7 +22,7 @@ import statistics
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from itertools import islice
@@ -96,8 +96,8 @@ class Counter(TorchDispatchMode):
 
 def stem_multiply_adds(model: AnyNet) -> int:
     """Of the first two layers, which the inference graph computes inside one operator."""
-    c = model.config.channels
-    return 2 * (HEIGHT * WIDTH * 27 * c + HEIGHT * WIDTH // 4 * 9 * c * c)
+    c, pixels = model.config.channels, HEIGHT * WIDTH * model.config.input_scale**2
+    return 2 * (pixels * 27 * c + pixels // 4 * 9 * c * c)
 
 
 @contextmanager
@@ -196,21 +196,38 @@ def count(weights: str, threads: int) -> tuple[int, list[tuple[str, float, int, 
 
 
 def sizes(weights: str, threads: int, console: Console) -> dict[str, Any]:
-    """Four stages over image sizes of 1/4 to 4 times KITTI's: milliseconds, and the fit a + b * megapixels."""
+    """All stages over image sizes of 1/4 to 4 times KITTI's: milliseconds, and the fit a + b * megapixels.
+
+    And over batches of the network in PyTorch, which the predictor's pairs do not make use of.
+    """
     predictor = Predictor(weights, threads=threads)
-    calls, megapixels = {}, []
+    calls: dict[str, Callable[[], object]] = {}
+    megapixels = []
     for factor in (0.5, 0.71, 1.0, 1.41, 2.0):
         height, width = (round(factor * n / 16) * 16 for n in (HEIGHT, WIDTH))
         left, right = pair(height, width)
         calls[f"{height} x {width}"] = lambda left=left, right=right: predictor.predict(left, right)
         megapixels.append(height * width / 1e6)
-    times = {name: statistics.median(each) for name, each in interleaved_ms(calls).items()}
-    for (name, ms), mega in zip(times.items(), megapixels, strict=True):
-        console.print(f"{name}: {ms:.2f} ms, {ms / mega:.1f} ms per megapixel")
-    slope, start = np.polyfit(megapixels, list(times.values()), 1)
-    worst = max(abs(start + slope * mega - ms) / ms for mega, ms in zip(megapixels, times.values(), strict=True))
-    console.print(f"{threads} thread(s): {start:.2f} ms + {slope:.1f} ms per megapixel, within {100 * worst:.0f} %")
-    return {"ms": times, "start_ms": start, "ms_per_megapixel": slope, "largest_deviation": worst}
+    growth = {"megapixel": _fit(calls, megapixels, "megapixel", console)}
+    model = load_checkpoint(weights).eval()
+    batches = {n: torch.rand(2, n, 3, HEIGHT, WIDTH) for n in (1, 2, 4, 8)}
+    with torch.inference_mode():
+        calls = {f"batch of {n}": lambda images=images: model(*images) for n, images in batches.items()}
+        growth["pair"] = _fit(calls, list(batches), "pair", console, rounds=10)
+    return growth
+
+
+def _fit(
+    calls: dict[str, Callable[[], object]], amounts: Sequence[float], unit: str, console: Console, rounds: int = 30
+) -> dict[str, Any]:
+    """Times of the calls, and the straight line through them."""
+    times = {name: statistics.median(each) for name, each in interleaved_ms(calls, rounds, slow=1e3).items()}
+    for (name, ms), amount in zip(times.items(), amounts, strict=True):
+        console.print(f"{name}: {ms:.2f} ms, {ms / amount:.1f} ms per {unit}")
+    slope, start = np.polyfit(amounts, list(times.values()), 1)
+    worst = max(abs(start + slope * x - ms) / ms for x, ms in zip(amounts, times.values(), strict=True))
+    console.print(f"{start:.2f} ms + {slope:.1f} ms per {unit}, within {100 * worst:.0f} %")
+    return {"ms": times, "start_ms": start, f"ms_per_{unit}": slope, "largest_deviation": worst}
 
 
 def roofline(calls: list[tuple[str, float, int, int]], limits: Limits, file: Path) -> None:

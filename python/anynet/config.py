@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from anynet.errors import AnyNetError
@@ -65,6 +66,13 @@ class AnyNetConfig:
             raise AnyNetError(f"AnyNetConfig: expected spn_directions of distinct 0, 1, 2, 3, got {directions}")
         if self.spn_combine not in ("max", "mean"):
             raise AnyNetError(f"AnyNetConfig: expected spn_combine 'max' or 'mean', got {self.spn_combine!r}")
+
+    def with_input_scale(self, input_scale: int) -> AnyNetConfig:
+        """For the same weights, other enlarging: the first stage reaches as far in the input's pixels as before."""
+        (first, last), *residuals = self.ranges
+        growth = input_scale / self.input_scale
+        reach = math.floor(first * growth), math.ceil((last + 1) * growth) - 1
+        return replace(self, input_scale=input_scale, ranges=(reach, *residuals))
 
     @property
     def stages(self) -> int:

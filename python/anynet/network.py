@@ -85,7 +85,7 @@ class UNet(nn.Module):
 
 
 class Refinement(nn.Module):
-    """Spatial propagation at the finest features' resolution, steered by the left image (section III-D of the paper)."""
+    """Spatial propagation at the finest resolution, steered by the left image (section III-D of the paper)."""
 
     def __init__(self, config: AnyNetConfig) -> None:
         super().__init__()

@@ -25,7 +25,7 @@ class Estimate:
     """A stage's result.
 
     Attributes:
-        stage: 1, the coarsest, to 4.
+        stage: 1, the coarsest, to the number of stages (4; `fine` has 5).
         disparity: [H, W] float32, in pixels of the input: left pixel (y, x) is right pixel (y, x - d).
         elapsed_ms: milliseconds from the start of the frame until this estimate was there.
     """
@@ -43,12 +43,19 @@ class Predictor:
     Args:
         weights: the name of packaged weights, or a path (see `anynet.load_checkpoint`).
         threads: CPU threads to compute on; default: as many as PyTorch uses.
+        input_scale: 2 to enlarge the images to twice their size first, which is finer and takes five times as long;
+            1 not to. Default: what the weights say.
     """
 
-    def __init__(self, weights: str | os.PathLike[str] = "default", threads: int | None = None) -> None:
+    def __init__(
+        self,
+        weights: str | os.PathLike[str] = "default",
+        threads: int | None = None,
+        input_scale: int | None = None,
+    ) -> None:
         if threads is not None and threads < 1:
             raise AnyNetError(f"Predictor: expected threads >= 1, got {threads}")
-        model = load_checkpoint(weights)
+        model = load_checkpoint(weights, input_scale)
         self.config = model.config
         self.threads = threads
         self._graph = InferenceGraph(model)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 import torch.nn.functional as F
@@ -111,7 +113,10 @@ def test_reversed_residuals_are_the_other_direction_of_search() -> None:
 
 def test_input_scale_is_enlarging_the_images(wild_model: AnyNet) -> None:
     """Reducing the enlarged result is exact but where a kink of the last enlargement lies between the two pixels."""
-    fine = AnyNet(AnyNetConfig(input_scale=2)).eval()
+    config = wild_model.config.with_input_scale(2)
+    assert config.ranges == ((0, 23), (-2, 2), (-2, 2))
+    assert config.with_input_scale(1) == wild_model.config
+    fine = AnyNet(replace(config, ranges=wild_model.config.ranges)).eval()
     fine.load_state_dict(wild_model.state_dict())
     images = pair(40, 72)
     with torch.no_grad():

@@ -63,6 +63,15 @@ def test_stages_are_the_networks(weights: Path, fine_weights: Path, height: int,
     assert [e.elapsed_ms for e in estimates] == sorted(e.elapsed_ms for e in estimates)
 
 
+def test_input_scale(weights: Path) -> None:
+    left, right = pair(32, 48)
+    fine = Predictor(weights, input_scale=2)
+    assert fine.config.input_scale == 2
+    assert fine.predict(left, right).disparity.shape == (32, 48)
+    with pytest.raises(AnyNetError, match="input_scale 1 or 2, got 3"):
+        Predictor(weights, input_scale=3)
+
+
 def test_results_belong_to_the_caller(predictor: Predictor) -> None:
     left, right = pair(32, 48)
     before = [left.copy(), right.copy()]

@@ -44,9 +44,11 @@ class Lines {
       return;
     }
     p += begin * column_stride;
+    const int64_t later = (scan.descending ? -2 : 2) * block * column_stride;
     for (int64_t r = 0; r < scan.length; r += block) {
       vec<A> tile[block] = {};
       for (int64_t i = 0; i < block && r + i < scan.length; ++i) {
+        __builtin_prefetch(p + (r + i) * row_stride + later);  // no machine foresees this walk
         tile[i] = read_vector(p + (r + i) * row_stride, column_stride, count);
       }
       transpose<A>(tile);

@@ -34,6 +34,10 @@ def evaluate(
     weights: Annotated[
         list[str] | None, typer.Option(help="Weights, a packaged name or a file; repeatable. [default: default]")
     ] = None,
+    input_scale: Annotated[
+        int | None,
+        typer.Option(min=1, max=2, help="2: networks work on the images enlarged.", show_default="the weights'"),
+    ] = None,
     method: Annotated[list[OpenCV] | None, typer.Option(help="OpenCV's matcher beside them; repeatable.")] = None,
     region: Annotated[list[Region] | None, typer.Option(help="Pixels to count; repeatable. [default: all]")] = None,
     splits: Annotated[
@@ -58,7 +62,7 @@ def evaluate(
         cv2.setNumThreads(threads)
     methods: list[tuple[str, Method]] = []
     for name in weights or ([] if method else ["default"]):
-        methods.append((name, Predictor(name, threads).stages))
+        methods.append((name, Predictor(name, threads, input_scale).stages))
     for choice in method or []:
         methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))
     datasets = [open_dataset(spec) for spec in data]

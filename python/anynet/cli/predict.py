@@ -61,6 +61,12 @@ def predict(
     weights: Annotated[
         str, typer.Option(help="A packaged name, or a path: our .safetensors, an official .tar.")
     ] = "default",
+    input_scale: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=2, help="2: work on the images enlarged, finer and slower.", show_default="the weights'"
+        ),
+    ] = None,
     budget_ms: Annotated[
         float | None, typer.Option(min=0, help="Stop after the last stage that fits into this time.")
     ] = None,
@@ -113,7 +119,7 @@ def predict(
 
     from anynet import Predictor  # takes seconds, so after the cheap checks
 
-    predictor = Predictor(weights=weights, threads=threads)
+    predictor = Predictor(weights, threads, input_scale)
     if stage is not None and stage > predictor.config.stages:
         raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
     failed = 0
