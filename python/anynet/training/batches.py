@@ -22,7 +22,8 @@ class _Draws(Dataset[Item]):
     """Draw number i of a run: epoch after epoch, each in an order of its own, cropped and augmented by i's own dice."""
 
     def __init__(self, samples: Sequence[StereoSample], recipe: Recipe) -> None:
-        self._samples = samples
+        # So few are decoded once; workers share the memory.
+        self._samples = list(samples) if len(samples) <= 64 else samples
         self._recipe = recipe
         self._epoch = -1
         self._order = np.empty(0, np.int64)

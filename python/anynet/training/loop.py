@@ -104,10 +104,6 @@ class _Run:
         self.steps = recipe.length(len(data))
         torch.manual_seed(recipe.seed)
         self.model = load_checkpoint(recipe.weights) if recipe.weights is not None else AnyNet(recipe.network)
-        if len(recipe.stage_weights) != self.model.config.stages:
-            raise AnyNetError(
-                f"stage_weights: expected {self.model.config.stages}, one per stage, got {len(recipe.stage_weights)}"
-            )
         self.model.to(group.device).train()
         averaging = get_ema_multi_avg_fn(recipe.averaging)  # type: ignore[no-untyped-call]
         self.average = AveragedModel(self.model, multi_avg_fn=averaging, use_buffers=True)
@@ -116,7 +112,7 @@ class _Run:
             synchronise_batch_norm(self.model, group.device)
             self.parallel = DistributedDataParallel(self.model, broadcast_buffers=False)
         self.optimizer = torch.optim.Adam(self.model.parameters(), recipe.rate, fused=True)
-        self.stage_weights = torch.tensor(recipe.stage_weights, device=group.device)
+        self.stage_weights = torch.tensor(recipe.stage_weights_of(self.model.config.stages), device=group.device)
         self.step = 0
         if (out / CHECKPOINT).exists():
             self._restore()

@@ -39,7 +39,7 @@ class Recipe:
     schedule: Schedule = _option("cosine", "Rate over the run: constant, step (a tenth after --drop-at) or cosine.")
     warm_up: int = _option(0, "Steps over which the rate grows linearly to its value.")
     drop_at: float = _option(2 / 3, "Fraction of the run after which the step schedule divides the rate by 10.")
-    stage_weights: tuple[float, ...] = _option((0.25, 0.5, 1.0, 1.0), "Weight of each stage's loss.")
+    stage_weights: tuple[float, ...] = _option((), "Weight of each stage's loss. Default: 0.25, 0.5, and then 1.")
     clip: float = _option(5.0, "Largest norm of the gradient; longer ones are scaled down. 0: as they are.")
     averaging: float = _option(0.0, "Decay of the running average of the weights that is kept; 0 keeps the last.")
     seed: int = _option(0, "Fixes the initial weights, the order of the data and the augmentation.")
@@ -73,6 +73,13 @@ class Recipe:
         if (self.steps is None) == (self.epochs is None):
             raise AnyNetError("give the length of the run as either steps or epochs")
         return self.steps if self.steps is not None else math.ceil(self.epochs * samples / self.batch)  # type: ignore[operator]
+
+    def stage_weights_of(self, stages: int) -> tuple[float, ...]:
+        """One per stage."""
+        weights = self.stage_weights or (0.25, 0.5, *[1.0] * (stages - 2))
+        if len(weights) != stages:
+            raise AnyNetError(f"stage_weights: expected {stages}, one per stage, got {len(weights)}")
+        return weights
 
     def rate_at(self, step: int, steps: int) -> float:
         """Learning rate of update `step` (from 0) of a run of `steps`."""

@@ -16,7 +16,7 @@ def test_the_papers_presets():
     for name in ("paper-sceneflow", "paper-kitti"):
         recipe = PRESETS[name]
         assert (recipe.batch, recipe.crop, recipe.rate) == (6, (256, 512), 5e-4)
-        assert recipe.stage_weights == (0.25, 0.5, 1.0, 1.0)
+        assert recipe.stage_weights_of(4) == (0.25, 0.5, 1.0, 1.0)
         assert not recipe.augment
     scene_flow, kitti = PRESETS["paper-sceneflow"], PRESETS["paper-kitti"]
     assert scene_flow.length(600) == 10 * 100
@@ -98,4 +98,4 @@ def test_every_field_is_an_option(capsys, tmp_path, monkeypatch):
     text = capsys.readouterr().out
     assert all(f"--{field.name.replace('_', '-')}" in text for field in fields(Recipe))
     assert main(["train", "--out", str(tmp_path), "--network", "depth=2"]) == 2
-    assert "expected options among channels" in capsys.readouterr().err
+    assert "expected options among input_scale" in capsys.readouterr().err
