@@ -25,7 +25,7 @@ class Estimate:
     """A stage's result.
 
     Attributes:
-        stage: 1, the coarsest, to the number of stages (4; `fine` has 5).
+        stage: 1, the coarsest, to the number of stages, 4 for all packaged weights.
         disparity: [H, W] float32, in pixels of the input: left pixel (y, x) is right pixel (y, x - d).
         elapsed_ms: milliseconds from the start of the frame until this estimate was there.
     """

@@ -8,7 +8,6 @@ from torch import nn
 
 from anynet import AnyNet, AnyNetConfig
 from anynet.network import Convolution
-from anynet.training.recipe import PRESETS
 
 
 def wild(config: AnyNetConfig | None = None) -> AnyNet:
@@ -27,5 +26,7 @@ def wild_model() -> AnyNet:
 
 
 @pytest.fixture(scope="session")
-def wild_fine_model() -> AnyNet:
-    return wild(PRESETS["fine"].network)
+def wild_large_model() -> AnyNet:
+    """Not of the paper's shape: more of everything, on enlarged images."""
+    ranges = (0, 11), (-4, 4), (-3, 3), (-2, 2)
+    return wild(AnyNetConfig(input_scale=2, channels=4, blocks=3, cost_channels=(16, 16, 8, 4), ranges=ranges))

@@ -26,9 +26,9 @@ def weights(tmp_path_factory: pytest.TempPathFactory, wild_model: AnyNet) -> Pat
 
 
 @pytest.fixture(scope="module")
-def fine_weights(tmp_path_factory: pytest.TempPathFactory, wild_fine_model: AnyNet) -> Path:
-    path = tmp_path_factory.mktemp("weights") / "fine.safetensors"
-    save_checkpoint(path, wild_fine_model)
+def large_weights(tmp_path_factory: pytest.TempPathFactory, wild_large_model: AnyNet) -> Path:
+    path = tmp_path_factory.mktemp("weights") / "large.safetensors"
+    save_checkpoint(path, wild_large_model)
     return path
 
 
@@ -43,17 +43,17 @@ def pair(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     return image[:, :-4].copy(), image[:, 4:].copy()
 
 
-@pytest.mark.parametrize("fine", [False, True])
+@pytest.mark.parametrize("large", [False, True])
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (37, 61), (64, 128)])
-def test_stages_are_the_networks(weights: Path, fine_weights: Path, height: int, width: int, fine: bool) -> None:
-    weights = fine_weights if fine else weights
+def test_stages_are_the_networks(weights: Path, large_weights: Path, height: int, width: int, large: bool) -> None:
+    weights = large_weights if large else weights
     predictor = Predictor(weights)
     left, right = pair(height, width)
     tensors = [torch.from_numpy((image / 255 - MEAN) / STD).permute(2, 0, 1)[None].float() for image in (left, right)]
     with torch.no_grad():
         expected = load_checkpoint(weights)(*tensors)
     estimates = list(predictor.stages(left, right))
-    assert [e.stage for e in estimates] == list(range(1, 6 if fine else 5))
+    assert [e.stage for e in estimates] == list(range(1, 6 if large else 5))
     for estimate, disparity in zip(estimates, expected, strict=True):
         assert estimate.disparity.dtype == np.float32
         np.testing.assert_allclose(estimate.disparity, disparity[0, 0].numpy(), atol=0.01)

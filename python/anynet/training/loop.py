@@ -103,7 +103,10 @@ class _Run:
         self.recipe, self.out, self.data, self.validation, self.group = recipe, out, data, validation, group
         self.steps = recipe.length(len(data))
         torch.manual_seed(recipe.seed)
-        self.model = load_checkpoint(recipe.weights) if recipe.weights is not None else AnyNet(recipe.network)
+        if recipe.weights is not None:
+            self.model = load_checkpoint(recipe.weights, recipe.input_scale)
+        else:
+            self.model = AnyNet(recipe.network)
         self.model.to(group.device).train()
         averaging = get_ema_multi_avg_fn(recipe.averaging)  # type: ignore[no-untyped-call]
         self.average = AveragedModel(self.model, multi_avg_fn=averaging, use_buffers=True)

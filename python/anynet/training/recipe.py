@@ -29,6 +29,7 @@ class Recipe:
     data: tuple[str, ...] = _option((), "Training data, LAYOUT:PATH; several are joined.")
     validation: tuple[str, ...] = _option((), "Data to measure on while training, LAYOUT:PATH.")
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
+    input_scale: int | None = _option(None, "2: these weights on images enlarged to twice their size. 1: not enlarged.")
     network: AnyNetConfig = _option(AnyNetConfig(), "Shape of the network, where the weights to start from are random.")
     steps: int | None = _option(None, "Length of the run in steps of one batch.")
     epochs: int | None = _option(None, "Length of the run in passes over the data (instead of steps).")
@@ -57,6 +58,8 @@ class Recipe:
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise AnyNetError(f"{name} must be at least 1, got {value}")
+        if self.input_scale is not None and self.weights is None:
+            raise AnyNetError("input_scale is for weights to start from; give a new network its own, as in network")
         if min(self.crop) < 64:
             raise AnyNetError(f"crop must be at least 64x64, got {self.crop[0]}x{self.crop[1]}")
         if not self.rate > 0:
@@ -112,22 +115,7 @@ PRESETS: dict[str, Recipe] = {
     "paper-kitti": Recipe(epochs=300, rate=5e-4, schedule="step", augment=False, clip=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
     "default": Recipe(steps=8_000, rate=2e-3, warm_up=100),
-    "fine": Recipe(
-        network=AnyNetConfig(
-            input_scale=2,
-            channels=4,
-            blocks=3,
-            cost_channels=(16, 16, 8, 4),
-            ranges=((0, 11), (-4, 4), (-3, 3), (-2, 2)),
-        ),
-        stage_weights=(0.25, 0.5, 0.5, 1.0, 1.0),
-        steps=6_000,
-        batch=3,
-        crop=(192, 384),
-        rate=2e-3,
-        warm_up=100,
-    ),
-    "kitti": Recipe(weights="default", steps=1_000, rate=1e-3, warm_up=100),
+    "kitti": Recipe(weights="default", input_scale=2, steps=1_200, batch=3, crop=(192, 384), rate=1e-3, warm_up=100),
 }
 
 

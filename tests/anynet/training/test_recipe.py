@@ -58,6 +58,7 @@ def test_steps_replace_epochs():
         ({"rate": float("nan")}, "rate must be positive, got nan"),
         ({"averaging": 1.0}, "averaging must be in"),
         ({"schedule": "linear"}, "constant, step or cosine, got 'linear'"),
+        ({"input_scale": 2}, "input_scale is for weights to start from"),
         ({"clip": -1.0}, "clip must be positive or 0, got -1.0"),
     ],
 )
