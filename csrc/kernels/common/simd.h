@@ -80,8 +80,7 @@ ANYNET_INLINE vec<A> smaller(vec<A> a, vec<A> b) {
 #if defined(__AVX512F__)
   if constexpr (sizeof(A) == 4) {
     constexpr __mmask16 all = 0xffff;
-    return reinterpret_cast<vec<A>>(
-        _mm512_maskz_min_ps(all, reinterpret_cast<__m512>(a), reinterpret_cast<__m512>(b)));
+    return reinterpret_cast<vec<A>>(_mm512_maskz_min_ps(all, reinterpret_cast<__m512>(a), reinterpret_cast<__m512>(b)));
   }
 #endif
   return a < b ? a : b;
