@@ -133,12 +133,6 @@ def _affine_relu(x: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     return F.relu(scale[:, None, None] * x + shift[:, None, None])
 
 
-def _extended(images: Tensor, multiple: int) -> Tensor:
-    """[N,3,H,W], with the last row and column repeated until `multiple` divides the size."""
-    height, width = images.shape[2:]
-    return F.pad(images, (0, -width % multiple, 0, -height % multiple), mode="replicate")
-
-
 def stem(
     left: Tensor,
     right: Tensor,
@@ -154,7 +148,8 @@ def stem(
 ) -> Tensor:
     """relu(scale * max_pool(conv(relu(conv(enlarged images - mean)))) + shift)"""
     x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
-    x = _extended(F.interpolate(x, scale_factor=enlargement, mode="bilinear"), multiple)
+    x = F.interpolate(x, scale_factor=enlargement, mode="bilinear")
+    x = F.pad(x, (0, -x.shape[3] % multiple, 0, -x.shape[2] % multiple), mode="replicate")
     x = F.relu(F.conv2d(x, weight_first, bias_first, padding=1))
     return max_pool(F.conv2d(x, weight_second, padding=1, stride=2), scale, shift)
 

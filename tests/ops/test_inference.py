@@ -28,9 +28,9 @@ def threads(request: pytest.FixtureRequest) -> None:
     torch.set_num_threads(before)
 
 
-def check(name: str, *args: object, **options: int | float) -> None:
+def check(name: str, *args: object, rtol: float | None = 1e-4, atol: float | None = 1e-4, **options: float) -> None:
     expected = getattr(reference, name)(*args, **options)
-    assert_close(getattr(inference, name)(*args, **options), expected, rtol=1e-4, atol=1e-4)
+    assert_close(getattr(inference, name)(*args, **options), expected, rtol=rtol, atol=atol)
 
 
 @pytest.mark.parametrize("enlargement", [1, 2])
@@ -49,25 +49,25 @@ def test_stem(height: int, width: int, channels: int, multiple: int, enlargement
 def test_upsample_sum(height: int, width: int, crop: int) -> None:
     ratios = [16, 8, 4, 2, 1]
     maps = [random(height * 16 // ratio, width * 16 // ratio) for ratio in ratios]
-    check("upsample_sum", maps, ratios, 16 * height - crop, 16 * width - crop, gain=1 / 8)
+    check("upsample_sum", maps, ratios, 16 * height - crop, 16 * width - crop, gain=1 / 8, atol=1e-5)
 
 
 @pytest.mark.parametrize("size", [(1, 1), (2, 2), (7, 19), (10, 64)])
 @pytest.mark.parametrize("coarse_size", [(1, 1), (1, 3), (4, 10), (5, 32)])
 def test_upsample_concat(size: tuple[int, int], coarse_size: tuple[int, int]) -> None:
-    check("upsample_concat", random(2, 3, *size), random(2, 4, *coarse_size), random(7), random(7))
+    check("upsample_concat", random(2, 3, *size), random(2, 4, *coarse_size), random(7), random(7), atol=1e-5)
 
 
 @pytest.mark.parametrize("size", [(2, 2), (5, 3), (12, 70)])
 def test_max_pool(size: tuple[int, int]) -> None:
-    check("max_pool", random(2, 3, *size), random(3), random(3))
+    check("max_pool", random(2, 3, *size), random(3), random(3), rtol=None, atol=None)
 
 
 @pytest.mark.parametrize("shape", [(1, 3, 1, 1, 1), (3, 3, 2, 5, 17), (1, 3, 8, 30, 40), (0, 3, 2, 2, 2)])
 def test_normalise_gates(shape: tuple[int, ...]) -> None:
     gates = random(*shape)
     gates[..., 0] = 0
-    check("normalise_gates", gates)
+    check("normalise_gates", gates, rtol=None, atol=None)
 
 
 @pytest.mark.parametrize("factor", [2, 4])

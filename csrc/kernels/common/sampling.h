@@ -25,14 +25,14 @@ class Positions {
 
   template <class T>
   void read(const T* disparity, int64_t stride, int64_t offset, int32_t lowest, int32_t highest) {
-    constexpr A large = 1 << 30;
+    const vec<A> large = splat(A(1 << 30));
     const A* d = read_row(disparity, stride, width_, static_cast<A*>(fraction));
     const A shift = static_cast<A>(offset);
     Indices column;
     for (int i = 0; i < lanes<A>; ++i) column[i] = i;
     for (int64_t x = 0; x < width_; x += lanes<A>, column += lanes<A>) {
       const vec<A> value = -read_vector<A>(d + x, 1, width_ - x < lanes<A> ? width_ - x : lanes<A>);
-      const auto bounded = [](vec<A> v) { return at_least<A>(at_most<A>(v, large), -large); };  // NaN: `large`
+      const auto bounded = [&](vec<A> v) { return larger<A>(smaller<A>(v, large), -large); };  // NaN: `large`
       const vec<A> p = bounded(value);
       vec<A> whole = __builtin_convertvector(__builtin_convertvector(p, Indices), vec<A>);
       whole -= whole > p ? splat<A>(1) : vec<A>{};

@@ -64,16 +64,6 @@ ANYNET_INLINE vec<A> absolute(vec<A> v) {
   return reinterpret_cast<vec<A>>(reinterpret_cast<mask>(v) & ~reinterpret_cast<mask>(splat<A>(-A(0))));
 }
 
-/// The smaller of each element and a bound, or the larger; the bound where the element is NaN.
-template <class A>
-ANYNET_INLINE vec<A> at_most(vec<A> v, A bound) {
-  return v < bound ? v : splat(bound);
-}
-template <class A>
-ANYNET_INLINE vec<A> at_least(vec<A> v, A bound) {
-  return v > bound ? v : splat(bound);
-}
-
 /// The smaller of each pair; `b` where an element is NaN.
 template <class A>
 ANYNET_INLINE vec<A> smaller(vec<A> a, vec<A> b) {
@@ -84,6 +74,12 @@ ANYNET_INLINE vec<A> smaller(vec<A> a, vec<A> b) {
   }
 #endif
   return a < b ? a : b;
+}
+
+/// The larger of each pair; `b` where an element is NaN.
+template <class A>
+ANYNET_INLINE vec<A> larger(vec<A> a, vec<A> b) {
+  return a > b ? a : b;
 }
 
 /// A number as a type, for templates.

@@ -77,7 +77,9 @@ ANYNET_INLINE void sum_all_differences(const Rows<A>& left, const Rows<A>& right
     k += count();
   };
   while (K - k >= most) run(Constant<most>{});
-  if (!Between && K - k >= 8) run(Constant<Between ? 1 : 8>{});
+  if constexpr (!Between) {
+    if (K - k >= 8) run(Constant<8>{});
+  }
   while (K - k >= 5) run(Constant<5>{});
   if (K - k >= 3) run(Constant<3>{});
   while (K - k >= 1) run(Constant<1>{});

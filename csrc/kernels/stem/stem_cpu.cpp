@@ -26,11 +26,6 @@ ANYNET_INLINE bits every_third(const bits (&v)[3], int first, std::integer_seque
                       : pick(std::integral_constant<int, 2>{});
 }
 
-template <class V>
-ANYNET_INLINE V larger(V a, V b) {
-  return a > b ? a : b;
-}
-
 /// One thread's rows. A row holds its columns 0, 4, 8, ..., then 1, 5, 9, ... and so on: four `phases`, each with a
 /// vector of zeros before and after it.
 template <class T>
@@ -173,7 +168,7 @@ class Strip {
           }
         }
         for (int phase = 0; phase < 4; ++phase) {
-          store(out + phase * pitch_ + j, larger(sum[phase], vec<T>{}));
+          store(out + phase * pitch_ + j, larger<T>(sum[phase], vec<T>{}));
         }
       }
     }
@@ -195,9 +190,10 @@ class Strip {
             right += w0 * shared + w1 * load(f + 2 * pitch_) + w2 * load(f + 3 * pitch_);
           }
         }
-        pooled[half] = larger(left, right);
+        pooled[half] = larger<T>(left, right);
       }
-      store(result_ + j, larger(splat(a_.scale[o]) * larger(pooled[0], pooled[1]) + splat(a_.shift[o]), vec<T>{}));
+      store(result_ + j,
+            larger<T>(splat(a_.scale[o]) * larger<T>(pooled[0], pooled[1]) + splat(a_.shift[o]), vec<T>{}));
     }
   }
 
