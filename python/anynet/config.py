@@ -22,8 +22,11 @@ class AnyNetConfig:
         channels: feature channels at full and half resolution; doubled with each halving after that.
         blocks: U-Net blocks below 1/4 resolution.
         layers: convolutions per U-Net block.
+        groups: the features' channels are compared in so many groups, each a channel of the cost volume; the paper: 1.
         cost_channels: channels of the disparity network, per stage.
         cost_layers: its convolutions between the first and the last one.
+        hourglass: halvings of the first stage's volume in the middle of its disparity network, which see wide
+            surfaces as a whole; the paper: 0.
         ranges: the disparities (first stage) and residuals (later ones) to test, per stage: first and last, in pixels
             of that stage's resolution.
         spn_channels: channels of the spatial propagation.
@@ -37,8 +40,10 @@ class AnyNetConfig:
     channels: int = 1
     blocks: int = 2
     layers: int = 2
+    groups: int = 1
     cost_channels: tuple[int, ...] = (16, 4, 4)
     cost_layers: int = 4
+    hourglass: int = 0
     ranges: tuple[tuple[int, int], ...] = ((0, 11), (-2, 2), (-2, 2))
     spn_channels: int = 8
     spn_directions: tuple[int, ...] = (0,)
@@ -49,10 +54,16 @@ class AnyNetConfig:
         for name in ("channels", "blocks", "layers", "spn_channels"):
             if getattr(self, name) < 1:
                 raise AnyNetError(f"AnyNetConfig: expected {name} >= 1, got {getattr(self, name)}")
+        if self.groups < 1 or 2 * self.channels % self.groups:
+            raise AnyNetError(
+                f"AnyNetConfig: expected groups to divide the finest features' {2 * self.channels} channels, "
+                f"got {self.groups}"
+            )
         if self.input_scale not in (1, 2):
             raise AnyNetError(f"AnyNetConfig: expected input_scale 1 or 2, got {self.input_scale}")
-        if self.cost_layers < 0:
-            raise AnyNetError(f"AnyNetConfig: expected cost_layers >= 0, got {self.cost_layers}")
+        for name in ("cost_layers", "hourglass"):
+            if getattr(self, name) < 0:
+                raise AnyNetError(f"AnyNetConfig: expected {name} >= 0, got {getattr(self, name)}")
         for name in ("cost_channels", "ranges"):
             if len(getattr(self, name)) != self.blocks + 1:
                 raise AnyNetError(

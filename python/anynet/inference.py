@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.network import MEAN, STD, AnyNet, PreActivation
+from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, enlarged
 
 # The operators themselves: what is passed to them here needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -23,6 +23,7 @@ class _Layer:
     bias: Tensor | None = None
     scale: Tensor | None = None  # of the input, with shift; then ReLU
     shift: Tensor | None = None
+    stride: int = 1
     relu_in: bool = False
     relu_out: bool = False
 
@@ -30,7 +31,7 @@ class _Layer:
         if max(self.weight.shape[:2]) > 32:
             return self._large(x)
         op = _ops.conv3x3.default if self.weight.dim() == 4 else _ops.conv3x3x3.default
-        out: Tensor = op(x, self.weight, self.bias, self.scale, self.shift, 1, self.relu_in, self.relu_out)
+        out: Tensor = op(x, self.weight, self.bias, self.scale, self.shift, self.stride, self.relu_in, self.relu_out)
         return out
 
     def _large(self, x: Tensor) -> Tensor:
@@ -38,8 +39,18 @@ class _Layer:
             shape = [-1] + [1] * (x.dim() - 2)
             x = torch.addcmul(self.shift.view(shape), x, self.scale.view(shape))
         convolution = F.conv2d if self.weight.dim() == 4 else F.conv3d
-        x = convolution(F.relu(x) if self.relu_in else x, self.weight, self.bias, padding=1)
+        x = convolution(F.relu(x) if self.relu_in else x, self.weight, self.bias, self.stride, padding=1)
         return F.relu(x) if self.relu_out else x
+
+
+@dataclass(frozen=True)
+class _Hourglass:
+    """Adds what its layers, on the way down and up again, say."""
+
+    layers: Sequence[_Layer | _Hourglass]
+
+    def __call__(self, x: Tensor) -> Tensor:
+        return enlarged(_run(self.layers, x), add=x)
 
 
 def _affine(norm: nn.Module) -> tuple[Tensor, Tensor]:
@@ -51,28 +62,38 @@ def _affine(norm: nn.Module) -> tuple[Tensor, Tensor]:
     return scale, norm.bias - scale * norm.running_mean
 
 
-def _chain(modules: nn.Module, activated: bool = False) -> list[_Layer]:
+def _chain(modules: Iterable[nn.Module], activated: bool = False) -> list[_Layer | _Hourglass]:
     """A chain of pre-activation layers: each norm goes into the convolution before it.
 
     Args:
         activated: the chain's input has been through the first norm and ReLU; otherwise they go into its first layer.
     """
-    layers: list[_Layer] = []
-    for module in modules.children():
+    layers: list[_Layer | _Hourglass] = []
+    for module in modules:
+        if isinstance(module, Hourglass):
+            layers.append(_Hourglass(_chain([module.halve, *module.inside, module.last])))
+            continue
         assert isinstance(module, PreActivation)
         scale, shift = _affine(module.norm)
-        layer = _Layer(module.conv.weight)
-        if layers:
-            before = layers[-1].weight
-            folded = before * scale.view([-1] + [1] * (before.dim() - 1))
-            layers[-1] = replace(layers[-1], weight=folded.contiguous(), bias=shift, relu_out=True)
-        elif not activated:
+        layer = _Layer(module.conv.weight, stride=module.conv.stride)
+        before = layers[-1] if layers else None
+        if isinstance(before, _Layer):
+            weight = before.weight * scale.view([-1] + [1] * (before.weight.dim() - 1))
+            layers[-1] = replace(before, weight=weight.contiguous(), bias=shift, relu_out=True)
+        elif before is not None or not activated:
             layer = replace(layer, scale=scale, shift=shift, relu_in=True)
         layers.append(layer)
     return layers
 
 
-def _run(layers: Sequence[_Layer], x: Tensor) -> Tensor:
+def _mirrored(layer: _Layer | _Hourglass) -> _Layer | _Hourglass:
+    """With the disparities the other way round."""
+    if isinstance(layer, _Hourglass):
+        return _Hourglass([_mirrored(inner) for inner in layer.layers])
+    return replace(layer, weight=torch.flip(layer.weight, (2,)))
+
+
+def _run(layers: Sequence[_Layer | _Hourglass], x: Tensor) -> Tensor:
     for layer in layers:
         x = layer(x)
     return x
@@ -105,13 +126,13 @@ class InferenceGraph:
             self.config.input_scale * self.config.stride,
         )
         self._down, self._up = (
-            [_chain(chain, activated=True) for chain in part] for part in (features.down, features.up)
+            [_chain(chain.children(), activated=True) for chain in part] for part in (features.down, features.up)
         )
         self._down_affine, self._up_affine = (
             [_affine(chain[0].norm) for chain in part]  # type: ignore[index]
             for part in (features.down, features.up)
         )
-        self._cost_nets = [_chain(chain) for chain in model.cost_nets]
+        self._cost_nets = [_chain(chain.children()) for chain in model.cost_nets]
         self._ranges = list(self.config.ranges)
         self._signs = [1.0] * len(self._ranges)
         if self.config.reversed_residuals:
@@ -119,9 +140,7 @@ class InferenceGraph:
             for i, (low, high) in enumerate(self._ranges[1:], start=1):
                 self._ranges[i] = -high, -low
                 self._signs[i] = -1.0
-                self._cost_nets[i] = [
-                    replace(layer, weight=torch.flip(layer.weight, (2,))) for layer in self._cost_nets[i]
-                ]
+                self._cost_nets[i] = [_mirrored(layer) for layer in self._cost_nets[i]]
         guidance = [_Layer(layer.get_parameter("weight").detach(), relu_out=True) for layer in refinement.guidance]
         self._guidance = [*guidance[:-1], replace(guidance[-1], relu_out=False)]
         # glibc hands a frame's memory back to the system at every free, to fault it in again, until it has seen a block
@@ -149,8 +168,12 @@ class InferenceGraph:
             scale = self.config.stride >> i
             disparity = self._sum_at(scale, maps, scales, features.shape[2:]) if i else None
             first, last = self._ranges[i]
-            volume = _ops.cost_volume.default(features[:1], features[1:], disparity, first, last)
-            cost = _run(self._cost_nets[i], volume[:, None])[:, 0]
+            groups = self.config.groups
+            of_left, of_right = features.view(2, groups, -1, *features.shape[2:])
+            if disparity is not None and groups > 1:
+                disparity = disparity.repeat(groups, 1, 1, 1)
+            volume = _ops.cost_volume.default(of_left, of_right, disparity, first, last)
+            cost = _run(self._cost_nets[i], volume[None])[:, 0]
             residual = _ops.soft_argmin.default(cost, first)[0, 0]
             maps = [*maps, residual.mul_(scale * self._signs[i])]
             scales = [*scales, scale]

@@ -54,6 +54,42 @@ def chain(channels: list[int], dims: int = 2) -> nn.Sequential:
     return nn.Sequential(*(PreActivation(i, o, dims=dims) for i, o in pairwise(channels)))
 
 
+class Hourglass(nn.Module):
+    """Adds to a volume what its surroundings say: halved in all three dimensions, looked at, and enlarged again.
+
+    Begins as the identity. Inside, it has twice the volume's channels, on every level.
+    """
+
+    def __init__(self, channels: int, inner: int, levels: int) -> None:
+        super().__init__()
+        self.halve = PreActivation(channels, inner, dims=3, stride=2)
+        self.inside = nn.Sequential(PreActivation(inner, inner, dims=3))
+        if levels > 1:
+            self.inside.append(Hourglass(inner, inner, levels - 1))
+        self.last = PreActivation(inner, channels, dims=3)
+        nn.init.zeros_(self.last.conv.weight)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return enlarged(self.last(self.inside(self.halve(x))), add=x)
+
+
+def enlarged(volume: Tensor, add: Tensor) -> Tensor:
+    """`add` [N, C, D, H, W] and the volume [N, C, d, h, w], trilinear, in its size."""
+    n, c, depth, height, width = add.shape
+    planes = resize(volume.flatten(1, 2), (height, width)).view(n, c, -1, height * width)
+    return resize(planes, (depth, height * width), add=add.view(n, c, depth, -1)).view_as(add)
+
+
+def cost_net(groups: int, channels: int, layers: int, hourglass: int = 0) -> nn.Sequential:
+    """A cost volume [N, groups, D, H, W] to costs [N, 1, D, H, W]."""
+    net = chain([groups] + [channels] * (layers + 1) + [1], dims=3)
+    with torch.no_grad():  # begins undecided: small costs, so that no random one wins the softmax
+        net.get_parameter(f"{layers + 1}.conv.weight").mul_(0.1)
+    if hourglass:
+        net.insert(1 + (layers + 1) // 2, Hourglass(channels, 2 * channels, hourglass))
+    return net
+
+
 class UNet(nn.Module):
     """Features from coarse to fine (Fig. 2 of the paper); iterating computes no finer level than was asked for."""
 
@@ -133,12 +169,10 @@ class AnyNet(nn.Module):
         self.config = config or AnyNetConfig()
         self.features = UNet(self.config)
         self.cost_nets = nn.ModuleList(
-            chain([1] + [c] * (self.config.cost_layers + 1) + [1], dims=3) for c in self.config.cost_channels
+            cost_net(self.config.groups, channels, self.config.cost_layers, 0 if i else self.config.hourglass)
+            for i, channels in enumerate(self.config.cost_channels)
         )
         self.refinement = Refinement(self.config)
-        for cost_net in self.cost_nets:  # begins undecided: small costs, so that no random one wins the softmax
-            with torch.no_grad():
-                cost_net.get_parameter(f"{self.config.cost_layers + 1}.conv.weight").mul_(0.1)
 
     def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
         """The first `stages` estimates (default: all), each [N, 1, H, W]; differentiable."""
@@ -168,22 +202,23 @@ class AnyNet(nn.Module):
         images = torch.cat([left, right])
         if self.config.input_scale > 1:
             images = resize(images, (height * self.config.input_scale, width * self.config.input_scale))
+        groups = self.config.groups
         estimate: Tensor | None = None
-        for features, cost_net, (first, last) in zip(
-            self.features(images), self.cost_nets, self.config.ranges, strict=True
-        ):
-            of_left, of_right = features.chunk(2)
+        for features, net, (first, last) in zip(self.features(images), self.cost_nets, self.config.ranges, strict=True):
             small = features.shape[2:]
+            # The groups of a pair's channels go as so many pairs.
+            of_left, of_right = features.reshape(2, -1, features.shape[1] // groups, *small)
             scale = height // small[0]
             if estimate is None:
                 volume = cost_volume(of_left, of_right, None, first, last)
             else:
                 known = resize(estimate, (small[0], small[1]), scale=1 / scale)
+                known = known.repeat_interleave(groups, 0)
                 if self.config.reversed_residuals:
                     volume = cost_volume(of_left, of_right, known, -last, -first).flip(1)
                 else:
                     volume = cost_volume(of_left, of_right, known, first, last)
-            cost = cost_net(volume[:, None])[:, 0]
+            cost = net(volume.view(len(left), groups, *volume.shape[1:]))[:, 0]
             estimate = resize(soft_argmin(cost, first), (height, width), scale=scale, add=estimate)
             yield estimate
         assert estimate is not None

@@ -29,4 +29,14 @@ def wild_model() -> AnyNet:
 def wild_large_model() -> AnyNet:
     """Not of the paper's shape: more of everything, on enlarged images."""
     ranges = (0, 11), (-4, 4), (-3, 3), (-2, 2)
-    return wild(AnyNetConfig(input_scale=2, channels=4, blocks=3, cost_channels=(16, 16, 8, 4), ranges=ranges))
+    return wild(
+        AnyNetConfig(
+            input_scale=2,
+            channels=4,
+            blocks=3,
+            groups=4,
+            hourglass=2,
+            cost_channels=(16, 16, 8, 4),
+            ranges=ranges,
+        )
+    )

@@ -5,10 +5,11 @@ from dataclasses import replace
 import pytest
 import torch
 import torch.nn.functional as F
+from torch import nn
 
 from anynet import AnyNet, AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet.network import Convolution
+from anynet.network import Convolution, Hourglass, cost_net
 
 
 @pytest.fixture
@@ -125,6 +126,43 @@ def test_input_scale_is_enlarging_the_images(wild_model: AnyNet) -> None:
             torch.testing.assert_close(estimate, F.avg_pool2d(large, 2) / 2, rtol=1e-4, atol=1e-3)
 
 
+def test_groups_of_equal_weight_are_one(wild_model: AnyNet) -> None:
+    """The sum over groups of what each group's channels cost is what all channels cost."""
+    groups = AnyNet(replace(wild_model.config, groups=2)).eval()
+    state = groups.state_dict()
+    for name, value in wild_model.state_dict().items():
+        state[name] = value.expand(state[name].shape)  # the first layers of the disparity networks have two inputs
+    groups.load_state_dict(state)
+    images = pair(48, 80, batch=2)
+    with torch.no_grad():
+        for one, two in zip(wild_model(*images), groups(*images), strict=True):
+            torch.testing.assert_close(two, one, rtol=1e-4, atol=1e-3)
+
+
+def test_the_hourglass_begins_as_the_identity_and_reaches_far() -> None:
+    """Of the cost network of the first stage, by its response to one cell of the volume."""
+    torch.manual_seed(0)
+    plain = cost_net(1, 4, layers=4).eval()
+    deep = cost_net(1, 4, layers=4, hourglass=2).eval()
+    hourglass = next(i for i, module in enumerate(deep) if isinstance(module, Hourglass))
+    assert hourglass == len(plain) // 2
+    for i, layer in enumerate(plain):
+        deep[i if i < hourglass else i + 1].load_state_dict(layer.state_dict())
+    empty, one = torch.zeros(2, 1, 1, 12, 5, 64)
+    one[0, 0, 6, 2, 8] = 1
+    with torch.no_grad():
+        torch.testing.assert_close(deep(one), plain(one))
+
+        def reach(net: nn.Module) -> int:
+            return int(torch.where(net(one) != net(empty))[4].max()) - 8
+
+        assert reach(plain) == len(plain)
+        for module in deep.modules():
+            if isinstance(module, Hourglass):
+                nn.init.normal_(module.last.conv.weight)
+        assert reach(deep) > 20
+
+
 @pytest.mark.parametrize("combine", ["max", "mean"])
 def test_other_shapes_of_network(combine: str) -> None:
     config = AnyNetConfig(
@@ -149,6 +187,8 @@ def test_other_shapes_of_network(combine: str) -> None:
         ({"blocks": 1}, "cost_channels for each of 2 stages"),
         ({"input_scale": 3}, "input_scale 1 or 2, got 3"),
         ({"channels": 0}, "channels >= 1, got 0"),
+        ({"groups": 3}, "groups to divide the finest features' 2 channels, got 3"),
+        ({"hourglass": -1}, "hourglass >= 0, got -1"),
         ({"cost_layers": -1}, "cost_layers >= 0, got -1"),
         ({"ranges": ((0, 11), (2, -2), (-2, 2))}, "first <= last"),
         ({"spn_directions": (0, 0)}, "distinct"),

@@ -109,12 +109,15 @@ class Recipe:
                 raise AnyNetError(f"{option.name} was {old!r} when the run began, so it cannot be {new!r} on resuming")
 
 
+LARGE = AnyNetConfig(channels=4, groups=4, hourglass=2, cost_channels=(16, 8, 4), ranges=((0, 11), (-3, 3), (-2, 2)))
+
 PRESETS: dict[str, Recipe] = {
     # The paper, section IV-A.
     "paper-sceneflow": Recipe(epochs=10, rate=5e-4, schedule="constant", augment=False, clip=0.0),
     "paper-kitti": Recipe(epochs=300, rate=5e-4, schedule="step", augment=False, clip=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
     "default": Recipe(steps=8_000, rate=2e-3, warm_up=100),
+    "large": Recipe(network=LARGE, steps=8_000, rate=2e-3, warm_up=100),
     "kitti": Recipe(weights="default", input_scale=2, steps=1_200, batch=3, crop=(192, 384), rate=1e-3, warm_up=100),
 }
 
