@@ -45,11 +45,17 @@ void convolve(const Geometry& g, const Source<T>& source, const Weight& weight, 
 
 constexpr int64_t chunks = 64;  // about as many partial sums
 
-template <class T>
-T sum_lanes(vec<T> v) {
-  T sum = 0;
-  for (int i = 0; i < lanes<T>; ++i) sum += v[i];
-  return sum;
+template <int distance, class T, int... I>
+ANYNET_INLINE vec<T> rotate(vec<T> v, std::integer_sequence<int, I...>) {
+  return __builtin_shufflevector(v, v, (I + distance) % lanes<T>...);
+}
+template <class T, int distance = lanes<T> / 2>
+ANYNET_INLINE T sum_lanes(vec<T> v) {
+  if constexpr (distance == 0) {
+    return v[0];
+  } else {
+    return sum_lanes<T, distance / 2>(v + rotate<distance, T>(v, lane_sequence<T>{}));
+  }
 }
 
 /// Output rows [begin, end) of planes (n, z) [first, last).
@@ -57,42 +63,127 @@ struct Chunk {
   int64_t first, last, begin, end;
 };
 
-/// sums[o * stride + kx] = the sum over a chunk of grad[o] times the input that it saw through (kz, ky) and kx.
-template <class T, int CO>
+/// sums[o * out_step + c * in_step + kx] += the sum over a chunk of grad[o] times the input c that it saw through
+/// (kz, ky) and kx, for CO output and CI input channels from `o` and `c` on.
+template <class T, int CO, int CI>
 void correlate(const Geometry& g, const Source<T>& input, const Source<T>& grad, const Chunk& chunk, int64_t o,
-               int64_t c, int64_t kz, int64_t ky, int64_t stride, T* sums) {
-  const int64_t plane = g.out_rows() * grad.pitch, last = vector_start<T>(vectors_in<T>(g.out_width) - 1, g.out_width);
-  const int64_t center = grad.padded ? grad.column[1] : 0;
+               int64_t c, int64_t kz, int64_t ky, int64_t out_step, int64_t in_step, T* sums) {
   constexpr int L = lanes<T>;
+  const int64_t last = vector_start<T>(vectors_in<T>(g.out_width) - 1, g.out_width);
+  const int64_t out_channel = g.out_rows() * grad.pitch, in_channel = g.in_rows() * input.pitch;
+  const T* from = input.data + c * in_channel;
+  const T* to = grad.data + o * out_channel + (grad.padded ? grad.column[1] : 0);
   const LaneRange<T> all(0, L), left(input.padded ? 0 : 1, L), right(0, input.padded ? L : L - 1);
   const LaneRange<T> fresh(grad.padded ? 0 : (L - g.out_width % L) % L, L);  // what the vector before has not seen
-  vec<T> sum[CO][3] = {};
+  // The rows for which the tap lies inside the input.
+  const int64_t begin = std::max<int64_t>(chunk.begin, ky == 0);
+  const int64_t end = std::min(chunk.end, (g.in_height - ky + g.stride) / g.stride);
+  vec<T> sum[CO][CI][3] = {};
   for (int64_t p = chunk.first; p < chunk.last; ++p) {
-    const int64_t n = p / g.out_depth, z = p % g.out_depth;
-    for (int64_t y = chunk.begin; y < chunk.end; ++y) {
-      const int64_t iz = g.plane(z, kz), iy = g.row(y, ky);
-      if (iz < 0 || iy < 0) continue;
-      const T* row = input.data + ((n * g.in_channels + c) * g.in_rows() + iz * g.in_height + iy) * input.pitch;
-      const T* to = grad.data + (n * g.out_channels + o) * plane + (z * g.out_height + y) * grad.pitch + center;
-      const auto step = [&](int64_t x, LaneRange<T> left, LaneRange<T> right,
-                            LaneRange<T> fresh) __attribute__((always_inline)) {
-        const vec<T> pixels[3] = {load(row + input.column[0] + x, left), load(row + input.column[1] + x),
-                                  load(row + input.column[2] + x, right)};
+    const int64_t n = p / g.out_depth, z = p % g.out_depth, iz = g.plane(z, kz);
+    if (iz < 0) continue;
+    const T* in_plane = from + n * g.in_channels * in_channel + iz * g.in_height * input.pitch;
+    const T* out_plane = to + n * g.out_channels * out_channel + z * g.out_height * grad.pitch;
+    for (int64_t y = begin; y < end; ++y) {
+      const T* row = in_plane + (y * g.stride + ky - 1) * input.pitch;
+      const T* out_row = out_plane + y * grad.pitch;
+      const auto step = [&](int64_t x, LaneRange<T> left, LaneRange<T> right, LaneRange<T> fresh)
+                            __attribute__((always_inline)) {
+                              // Whichever is fewer stays in registers: three columns of one input channel, or the
+                              // gradients.
+                              const auto pixels = [&](int i, int kx) __attribute__((always_inline)) {
+                                const T* at = row + i * in_channel + input.column[kx] + x;
+                                return kx == 0 ? load(at, left) : kx == 1 ? load(at) : load(at, right);
+                              };
+                              if constexpr (CI == 1) {
+                                const vec<T> columns[3] = {pixels(0, 0), pixels(0, 1), pixels(0, 2)};
 #pragma GCC unroll 8
-        for (int i = 0; i < CO; ++i) {
-          const vec<T> v = load(to + i * plane + x, fresh);
+                                for (int k = 0; k < CO; ++k) {
+                                  const vec<T> v = load(out_row + k * out_channel + x, fresh);
 #pragma GCC unroll 3
-          for (int kx = 0; kx < 3; ++kx) sum[i][kx] += v * pixels[kx];
-          read_after(to, sum[i][2]);
-        }
-      };
+                                  for (int kx = 0; kx < 3; ++kx) sum[k][0][kx] += v * columns[kx];
+                                  read_after(out_row, sum[k][0][2]);
+                                }
+                              } else {
+                                vec<T> v[CO];
+#pragma GCC unroll 8
+                                for (int k = 0; k < CO; ++k) v[k] = load(out_row + k * out_channel + x, fresh);
+#pragma GCC unroll 8
+                                for (int i = 0; i < CI; ++i) {
+#pragma GCC unroll 3
+                                  for (int kx = 0; kx < 3; ++kx) {
+                                    const vec<T> column = pixels(i, kx);
+#pragma GCC unroll 8
+                                    for (int k = 0; k < CO; ++k) sum[k][i][kx] += v[k] * column;
+                                    read_after(row, sum[CO - 1][i][kx]);
+                                  }
+                                }
+                              }
+                            };
       if (last > 0) step(0, left, all, all);
       for (int64_t x = L; x < last; x += L) step(x, all, all, all);
       step(last, last == 0 ? left : all, right, fresh);
     }
   }
-  for (int i = 0; i < CO; ++i) {
-    for (int kx = 0; kx < 3; ++kx) sums[i * stride + kx] = sum_lanes<T>(sum[i][kx]);
+#pragma GCC unroll 8
+  for (int k = 0; k < CO; ++k) {
+#pragma GCC unroll 8
+    for (int i = 0; i < CI; ++i) {
+#pragma GCC unroll 3
+      for (int kx = 0; kx < 3; ++kx) sums[k * out_step + i * in_step + kx] += sum_lanes<T>(sum[k][i][kx]);
+    }
+  }
+}
+
+template <class T>
+using Correlate = decltype(&correlate<T, 1, 1>);
+
+template <class T, int CO>
+Correlate<T> pick_correlate(int64_t in) {
+  constexpr int most = max_channels / CO;
+  if constexpr (most >= 8) {
+    if (in == 8) return correlate<T, CO, 8>;
+  }
+  if constexpr (most >= 4) {
+    if (in == 4) return correlate<T, CO, 4>;
+  }
+  if constexpr (most >= 2) {
+    if (in == 2) return correlate<T, CO, 2>;
+  }
+  return correlate<T, CO, 1>;
+}
+/// For blocks of so many channels; their product is at most max_channels.
+template <class T>
+Correlate<T> pick_correlate(int64_t out, int64_t in) {
+  if constexpr (max_channels >= 8) {
+    if (out == 8) return pick_correlate<T, 8>(in);
+  }
+  return out == 4 ? pick_correlate<T, 4>(in) : out == 2 ? pick_correlate<T, 2>(in) : pick_correlate<T, 1>(in);
+}
+
+/// The sums over a chunk for all pairs of channels and all taps: sums[O][C][tap][kx]. In pieces whose rows stay in the
+/// nearest cache.
+template <class T>
+void correlate_all(const Geometry& g, const Source<T>& input, const Source<T>& grad, const Chunk& chunk, T* sums) {
+  constexpr int64_t cache = 32 << 10;
+  const int64_t fitting = std::max<int64_t>(1, cache / (grad.pitch * (max_channels + 1) * int64_t{sizeof(T)}));
+  const int64_t height = std::max<int64_t>(1, chunk.end - chunk.begin);
+  const int64_t depth = std::max<int64_t>(1, fitting / height);
+  const int64_t taps = g.taps(), kernel = taps * 3, size = g.in_channels * kernel;
+  for (int64_t first = chunk.first; first < chunk.last; first += depth) {
+    for (int64_t begin = chunk.begin; begin < chunk.end; begin += fitting) {
+      const Chunk piece{first, std::min(first + depth, chunk.last), begin, std::min(begin + fitting, chunk.end)};
+      for (int64_t o = 0, out; o < g.out_channels; o += out) {
+        out = block_at(o, g.out_channels, max_channels);
+        for (int64_t c = 0, in; c < g.in_channels; c += in) {
+          in = block_at(c, g.in_channels, max_channels / out);
+          const auto function = pick_correlate<T>(out, in);
+          for (int64_t t = 0; t < taps; ++t) {
+            function(g, input, grad, piece, o, c, t / 3, t % 3, size, kernel, sums + o * size + c * kernel + t * 3);
+          }
+        }
+      }
+    }
   }
 }
 
@@ -146,18 +237,7 @@ void conv_backward_weight(const ConvBackwardWeight<T>& a, int available) {
     const Chunk chunk{planes * group / groups, planes * (group + 1) / groups, g.out_height * part / parts,
                       g.out_height * (part + 1) / parts};
     T* sums = partial.data() + i * total;
-    for (int64_t o = 0, step; o < g.out_channels; o += step) {
-      step = block_at(o, g.out_channels, max_channels);
-      const auto kernel = step == 8   ? correlate<T, 8>
-                          : step == 4 ? correlate<T, 4>
-                          : step == 2 ? correlate<T, 2>
-                                      : correlate<T, 1>;
-      for (int64_t c = 0; c < g.in_channels; ++c) {
-        for (int64_t t = 0; t < g.taps(); ++t) {
-          kernel(g, input, grad, chunk, o, c, t / 3, t % 3, size, sums + o * size + c * depth + t * 3);
-        }
-      }
-    }
+    correlate_all(g, input, grad, chunk, sums);
     if (a.grad_bias == nullptr) return;
     for (int64_t o = 0; o < g.out_channels; ++o) {
       T sum = 0;
