@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import os
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
@@ -24,8 +23,6 @@ def _command(name: str, default: str, summary: str) -> Callable[..., None]:
     """A command with one option for each field of `Recipe`; those not given are the preset's."""
 
     def command(out: Path, start: str, resume: bool, **given: Any) -> None:
-        # Before torch loads OpenMP: threads that wait spinning take the cores from the data workers, and all others.
-        os.environ.setdefault("OMP_WAIT_POLICY", "passive")
         from anynet.training.loop import RECIPE, train
 
         options = {option: value for option, value in given.items() if value is not None and value != []}
