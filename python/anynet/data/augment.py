@@ -97,9 +97,10 @@ def _photometric(images: tuple[Image, Image], rng: Rng) -> tuple[Image, Image]:
     return changed[0], changed[1]
 
 
-def _occlude(right: Image, rng: Rng) -> None:
-    """Hides up to two patches of the right view behind its mean colour or another part of it, in place."""
+def _occlude(right: Image, rng: Rng) -> NDArray[np.bool_]:
+    """Hides up to two patches of the right view behind its mean colour or another part of it; returns where."""
     height, width = right.shape[:2]
+    hidden = np.zeros((height, width), np.bool_)
     for _ in range(rng.integers(1, 3)):
         h, w = int(rng.integers(20, height // 3)), int(rng.integers(20, width // 4))
         y, x = int(rng.integers(0, height - h)), int(rng.integers(0, width - w))
@@ -108,6 +109,23 @@ def _occlude(right: Image, rng: Rng) -> None:
         else:
             y0, x0 = int(rng.integers(0, height - h)), int(rng.integers(0, width - w))
             right[y : y + h, x : x + w] = right[y0 : y0 + h, x0 : x0 + w].copy()
+        hidden[y : y + h, x : x + w] = True
+    return hidden
+
+
+def seen(sample: StereoSample, hidden: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Which left pixels the right picture shows: those of `noc` whose match lies inside, and is not `hidden` there.
+
+    Where the sample does not tell `noc`, all points count as seen by the right camera.
+    """
+    known = sample.valid if sample.noc is None else sample.valid & sample.noc
+    width = known.shape[1]
+    match = np.arange(width) - np.where(sample.valid, sample.disparity, 0)
+    inside = known & (match >= 0)
+    if hidden is not None:
+        columns = np.clip(np.rint(match), 0, width - 1).astype(np.intp)
+        inside &= ~np.take_along_axis(hidden, columns, 1)
+    return inside
 
 
 def augment(
@@ -123,7 +141,7 @@ def augment(
 
     Scale by a factor from `scales`, log-uniform (no smaller than the crop allows); upside down; for rendered pairs
     also mirrored with the eyes exchanged; exposure and colour per eye; with probability `occluders`, patches of the
-    right view hidden (their truth stays: the network learns to fill in).
+    right view hidden (their truth stays: the network learns to fill in). The result's `noc` is what is `seen`.
     """
     if isinstance(sample, RenderedSample) and rng.random() < 0.5:
         sample = mirrored(sample)
@@ -134,15 +152,15 @@ def augment(
     images = sample.left, sample.right
     if photometric:
         images = _photometric(images, rng)
-    if rng.random() < occluders:
-        _occlude(images[1], rng)
+    hidden = _occlude(images[1], rng) if rng.random() < occluders else None
+    noc = seen(sample, hidden)
     flip = slice(None, None, -1 if rng.random() < 0.2 else 1)
     return StereoSample(
         left=images[0][flip],
         right=images[1][flip],
         disparity=sample.disparity[flip],
         valid=sample.valid[flip] & (sample.disparity[flip] < MAX_DISPARITY),
-        noc=None if sample.noc is None else sample.noc[flip],
+        noc=noc[flip],
         foreground=None if sample.foreground is None else sample.foreground[flip],
         name=sample.name,
     )

@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from anynet.data import StereoSample
-from anynet.data.augment import augment, random_crop
+from anynet.data.augment import augment, random_crop, seen
 from anynet.errors import AnyNetError
 from anynet.training.distributed import Processes
 from anynet.training.recipe import Recipe
@@ -37,12 +37,13 @@ class _Draws(Dataset[Item]):
         dice = np.random.default_rng((recipe.seed, 1, draw))
         sample = self._samples[int(self._order[place])]
         sample = (augment if recipe.augment else random_crop)(sample, recipe.crop, dice)
+        unseen = np.float32(recipe.occluded_weight)
         disparity = np.where(sample.valid, sample.disparity, 0).astype(np.float32)
         return (
             torch.from_numpy(np.ascontiguousarray(sample.left.transpose(2, 0, 1))),
             torch.from_numpy(np.ascontiguousarray(sample.right.transpose(2, 0, 1))),
             torch.from_numpy(disparity[None]),
-            torch.from_numpy(np.ascontiguousarray(sample.valid[None])),
+            torch.from_numpy(np.where(seen(sample), np.float32(1), unseen * sample.valid)[None]),
         )
 
 
@@ -65,7 +66,8 @@ class _Steps:
 def batches(samples: Sequence[StereoSample], recipe: Recipe, steps: range, processes: Processes) -> DataLoader[Item]:
     """This process's part of the batches of `steps`.
 
-    Each is left, right uint8 [B,3,h,w], disparity float32 [B,1,h,w] (0 where unknown), valid bool [B,1,h,w].
+    Each is left, right uint8 [B,3,h,w], disparity float32 [B,1,h,w] (0 where unknown), and the pixels' weights in the
+    loss, float32 [B,1,h,w]: 0 where unknown, `recipe.occluded_weight` where the right crop does not show them, else 1.
     """
     if recipe.batch % processes.count:
         raise AnyNetError(f"a batch of {recipe.batch} does not divide among {processes.count} processes")

@@ -26,7 +26,7 @@ from anynet.predictor import Predictor
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes, process_group, synchronise_batch_norm
 from anynet.training.log import RunLog
-from anynet.training.loss import loss_mask, stage_losses
+from anynet.training.loss import loss_weights, stage_losses
 from anynet.training.recipe import Recipe
 
 RECIPE, CHECKPOINT, LOG, WEIGHTS = "recipe.json", "checkpoint.pt", "log.jsonl", "weights.safetensors"
@@ -148,12 +148,12 @@ class _Run:
     def _update(self, batch: list[Tensor]) -> tuple[list[float], float]:
         """One step of the optimiser; returns each stage's loss (pixels) and the norm of the gradient."""
         recipe, group = self.recipe, self.group
-        left, right, disparity, valid = (tensor.to(group.device, non_blocking=True) for tensor in batch)
-        mask = loss_mask(disparity, valid)
-        pixels = group.total(mask.sum()).clamp(min=1)
+        left, right, disparity, weights = (tensor.to(group.device, non_blocking=True) for tensor in batch)
+        weights = loss_weights(disparity, weights)
+        total = group.total(weights.sum()).clamp(min=1)
         with torch.autocast(group.device.type, torch.bfloat16, enabled=recipe.amp):
             outputs = self.parallel(_normalised(left), _normalised(right))
-        losses = stage_losses(outputs, disparity, mask, pixels)
+        losses = stage_losses(outputs, disparity, weights, total)
         # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
         (group.count * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
         values: list[float] = group.total(losses.detach()).tolist()

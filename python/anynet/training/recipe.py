@@ -41,6 +41,7 @@ class Recipe:
     warm_up: int = _option(0, "Steps over which the rate grows linearly to its value.")
     drop_at: float = _option(2 / 3, "Fraction of the run after which the step schedule divides the rate by 10.")
     stage_weights: tuple[float, ...] = _option((), "Weight of each stage's loss. Default: 0.25, 0.5, and then 1.")
+    occluded_weight: float = _option(1.0, "Weight in the loss of pixels that the right crop does not show.")
     clip: float = _option(5.0, "Largest norm of the gradient; longer ones are scaled down. 0: as they are.")
     averaging: float = _option(0.0, "Decay of the running average of the weights that is kept; 0 keeps the last.")
     seed: int = _option(0, "Fixes the initial weights, the order of the data and the augmentation.")
@@ -64,6 +65,8 @@ class Recipe:
             raise AnyNetError(f"crop must be at least 64x64, got {self.crop[0]}x{self.crop[1]}")
         if not self.rate > 0:
             raise AnyNetError(f"rate must be positive, got {self.rate}")
+        if not 0 <= self.occluded_weight <= 1:
+            raise AnyNetError(f"occluded_weight must be in [0, 1], got {self.occluded_weight}")
         if not 0 <= self.averaging < 1:
             raise AnyNetError(f"averaging must be in [0, 1), got {self.averaging}")
         if self.schedule not in ("constant", "step", "cosine"):

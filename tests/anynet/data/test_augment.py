@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from anynet.data import StereoSample
-from anynet.data.augment import augment, mirrored, random_crop
+from anynet.data.augment import augment, mirrored, random_crop, seen
 from anynet.errors import AnyNetError
 from anynet.render import RenderedSample, render
 
@@ -57,7 +57,26 @@ def test_scale_multiplies_disparities() -> None:
         changed = augment(sample, (64, 96), np.random.default_rng(seed), scales=(0.8, 1.5))
         assert len(np.unique(changed.disparity)) == 1
         assert 7.9 <= changed.disparity[0, 0] <= 15.2
-    assert changed.noc is None
+        assert not changed.noc[:, : int(changed.disparity[0, 0])].any()
+
+
+def test_seen_is_what_the_right_picture_shows() -> None:
+    picture = np.zeros((20, 60, 3), np.uint8)
+    disparity = np.full((20, 60), 10, np.float32)
+    valid = np.ones_like(disparity, bool)
+    valid[0] = False
+    disparity[0] = np.nan
+    sample = StereoSample(picture, picture, disparity, valid)
+    expected = valid.copy()
+    expected[:, :10] = False
+    assert np.array_equal(seen(sample), expected)
+    patch = np.zeros_like(valid)
+    patch[5:9, 30:33] = True
+    expected[5:9, 40:43] = False
+    assert np.array_equal(seen(sample, patch), expected)
+    noc = valid.copy()
+    noc[15:] = expected[15:] = False
+    assert np.array_equal(seen(replace(sample, noc=noc), patch), expected)
 
 
 def test_mirrored_is_a_pair_and_an_involution_of_the_truth(rendered: RenderedSample) -> None:
@@ -69,14 +88,16 @@ def test_mirrored_is_a_pair_and_an_involution_of_the_truth(rendered: RenderedSam
 
 def test_eyes_are_exposed_apart_and_the_right_one_is_occluded(rendered: RenderedSample) -> None:
     same = replace(random_crop(rendered, CROP, np.random.default_rng(0)), right=None)
-    same = replace(same, right=same.left, disparity=np.zeros(CROP, np.float32))
+    same = replace(same, right=same.left, disparity=np.zeros(CROP, np.float32), noc=None)
     apart = hidden = 0
     for seed in range(20):
         lit = augment(same, CROP, np.random.default_rng(seed), scales=(1, 1), occluders=0)
         apart += not np.array_equal(lit.left, lit.right)
         covered = augment(same, CROP, np.random.default_rng(seed), scales=(1, 1), photometric=False, occluders=1)
-        different = (covered.left != covered.right).any(2).mean()
-        hidden += 0 < different < 0.4
+        different = (covered.left != covered.right).any(2)
+        assert not covered.noc[different].any()
+        assert covered.noc.mean() > 0.6
+        hidden += different.any()
     assert 5 < apart < 20  # some pairs keep equal cameras
     assert hidden == 20
 

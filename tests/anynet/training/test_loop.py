@@ -22,6 +22,7 @@ from anynet.network import AnyNet
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes
 from anynet.training.loop import CHECKPOINT, LOG, WEIGHTS, train
+from anynet.training.loss import loss_weights, stage_losses
 from anynet.training.recipe import Recipe
 
 SCRIPT = Path(__file__).with_name("planes.py")
@@ -98,6 +99,34 @@ def test_two_processes_equal_one(tmp_path):
 def test_a_batch_that_does_not_divide_is_refused():
     with pytest.raises(AnyNetError, match="a batch of 4 does not divide among 3 processes"):
         batches(Planes(4), RECIPE, range(1), Processes(0, 3, CPU))
+
+
+def test_what_the_right_crop_does_not_show_weighs_less():
+    planes = Planes(4)
+    recipe = replace(RECIPE, batch=1, occluded_weight=0.25)
+    found = set()
+    for _, _, disparity, weights in batches(planes, recipe, range(4), Processes(0, 1, CPU)):
+        shift = int(disparity.max())
+        known = (disparity > 0).float()
+        assert torch.equal(weights[..., :shift], 0.25 * known[..., :shift])
+        assert torch.equal(weights[..., shift:], known[..., shift:])
+        found |= set(weights.unique().tolist())
+    assert found == {0.0, 0.25, 1.0}
+    for (*_, all_equal), (*_, weights) in zip(
+        batches(planes, replace(recipe, occluded_weight=1.0), range(4), Processes(0, 1, CPU)),
+        batches(planes, recipe, range(4), Processes(0, 1, CPU)),
+        strict=True,
+    ):
+        assert torch.equal(all_equal, (weights > 0).float())
+
+
+def test_the_loss_is_smooth_l1_over_what_trains():
+    truth = torch.tensor([[[[0.0, 10, 10, 10, 250]]]])
+    estimates = torch.tensor([[[[5.0, 10.5, 13, 20, 20]]]]), torch.full((1, 1, 1, 5), 10.0)
+    weights = loss_weights(truth, torch.tensor([[[[1.0, 1, 1, 0.5, 1]]]]))
+    assert weights.tolist() == [[[[0, 1, 1, 0.5, 0]]]]
+    losses = stage_losses(estimates, truth, weights, weights.sum())
+    torch.testing.assert_close(losses, torch.tensor([(0.125 + 2.5 + 0.5 * 9.5) / 2.5, 0]))
 
 
 def test_the_processes_share_the_batch_of_one():
