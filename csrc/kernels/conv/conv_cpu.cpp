@@ -4,6 +4,7 @@
 // results repeat bit for bit.
 #include <algorithm>
 #include <limits>
+#include <type_traits>
 
 #include "conv.h"
 #include "direct.h"
@@ -13,7 +14,7 @@ namespace anynet::ANYNET_ISA {
 namespace {
 
 template <class T>
-constexpr auto identity = [](int64_t) { return [](T v) { return v; }; };
+constexpr auto identity = [](int64_t) { return [](auto v) { return v; }; };
 
 /// What `a` (Conv or ConvBackwardWeight) does to the elements of each row of its input before it convolves them.
 template <class T, class Args>
@@ -23,9 +24,13 @@ auto activation(const Args& a) {
   return [=](int64_t row) {
     const int64_t c = row / rows % channels;
     const T scale = a.scale == nullptr ? T(1) : a.scale[c], shift = a.scale == nullptr ? T(0) : a.shift[c];
-    return [=](T v) {
+    return [=](auto v) {  // an element or a vector of them; keeps NaN
       v = scale * v + shift;
-      return v < lowest ? lowest : v;  // keeps NaN
+      if constexpr (std::is_same_v<decltype(v), T>) {
+        return v < lowest ? lowest : v;
+      } else {
+        return larger<T>(splat(lowest), v);
+      }
     };
   };
 }
@@ -43,7 +48,8 @@ void convolve(const Geometry& g, const Source<T>& source, const Weight& weight, 
 
 // --------------------------------------------------------------------------------------------- gradient of the weights
 
-constexpr int64_t chunks = 64;  // about as many partial sums
+constexpr int64_t most_chunks = 64;    // that are summed apart
+constexpr int64_t chunk_vectors = 64;  // of gradient in a chunk, at least
 
 template <int distance, class T, int... I>
 ANYNET_INLINE vec<T> rotate(vec<T> v, std::integer_sequence<int, I...>) {
@@ -161,10 +167,10 @@ Correlate<T> pick_correlate(int64_t out, int64_t in) {
   return out == 4 ? pick_correlate<T, 4>(in) : out == 2 ? pick_correlate<T, 2>(in) : pick_correlate<T, 1>(in);
 }
 
-/// The sums over a chunk for all pairs of channels and all taps: sums[O][C][tap][kx]. In pieces whose rows stay in the
-/// nearest cache.
+/// sums[o][C][tap][kx], over a chunk, for `out` channels from `o` on. In pieces whose rows stay in the nearest cache.
 template <class T>
-void correlate_all(const Geometry& g, const Source<T>& input, const Source<T>& grad, const Chunk& chunk, T* sums) {
+void correlate_block(const Geometry& g, const Source<T>& input, const Source<T>& grad, const Chunk& chunk, int64_t o,
+                     int64_t out, T* sums) {
   constexpr int64_t cache = 32 << 10;
   const int64_t fitting = std::max<int64_t>(1, cache / (grad.pitch * (max_channels + 1) * int64_t{sizeof(T)}));
   const int64_t height = std::max<int64_t>(1, chunk.end - chunk.begin);
@@ -173,14 +179,11 @@ void correlate_all(const Geometry& g, const Source<T>& input, const Source<T>& g
   for (int64_t first = chunk.first; first < chunk.last; first += depth) {
     for (int64_t begin = chunk.begin; begin < chunk.end; begin += fitting) {
       const Chunk piece{first, std::min(first + depth, chunk.last), begin, std::min(begin + fitting, chunk.end)};
-      for (int64_t o = 0, out; o < g.out_channels; o += out) {
-        out = block_at(o, g.out_channels, max_channels);
-        for (int64_t c = 0, in; c < g.in_channels; c += in) {
-          in = block_at(c, g.in_channels, max_channels / out);
-          const auto function = pick_correlate<T>(out, in);
-          for (int64_t t = 0; t < taps; ++t) {
-            function(g, input, grad, piece, o, c, t / 3, t % 3, size, kernel, sums + o * size + c * kernel + t * 3);
-          }
+      for (int64_t c = 0, in; c < g.in_channels; c += in) {
+        in = block_at(c, g.in_channels, max_channels / out);
+        const auto function = pick_correlate<T>(out, in);
+        for (int64_t t = 0; t < taps; ++t) {
+          function(g, input, grad, piece, o, c, t / 3, t % 3, size, kernel, sums + o * size + c * kernel + t * 3);
         }
       }
     }
@@ -228,18 +231,23 @@ void conv_backward_weight(const ConvBackwardWeight<T>& a, int available) {
       W >= lanes<T> ? Source<T>(a.grad, W)
                     : Source<T>(a.grad, g.batch * g.out_channels * g.out_rows(), W, W, 1, 1, threads, identity<T>);
   const int64_t planes = g.batch * g.out_depth;
-  const int64_t groups = std::min(planes, chunks);
-  const int64_t parts = planes == 0 ? 0 : std::max<int64_t>(1, std::min(g.out_height, chunks / planes));
+  const int64_t wanted = std::clamp<int64_t>(planes * g.out_height * vectors_in<T>(W) / chunk_vectors, 1, most_chunks);
+  const int64_t groups = std::min(planes, wanted);
+  const int64_t parts = planes == 0 ? 0 : std::max<int64_t>(1, std::min(g.out_height, wanted / planes));
   const int64_t count = groups * parts, total = g.out_channels * (size + 1);
+  Vector<int64_t> blocks;  // of output channels: where they begin
+  for (int64_t o = 0; o < g.out_channels; o += block_at(o, g.out_channels, max_channels)) blocks.push_back(o);
+  const int64_t in_chunk = static_cast<int64_t>(blocks.size());
   Vector<T> partial(count * total);  // per chunk [O][C][tap][kx], then the bias' [O]
-  parallel_for(count, threads, [&](int64_t i) {
-    const int64_t group = i / parts, part = i % parts;
+  parallel_for(count * in_chunk, threads, [&](int64_t unit) {
+    const int64_t i = unit / in_chunk, group = i / parts, part = i % parts;
     const Chunk chunk{planes * group / groups, planes * (group + 1) / groups, g.out_height * part / parts,
                       g.out_height * (part + 1) / parts};
     T* sums = partial.data() + i * total;
-    correlate_all(g, input, grad, chunk, sums);
+    const int64_t first = blocks[unit % in_chunk], out = block_at(first, g.out_channels, max_channels);
+    correlate_block(g, input, grad, chunk, first, out, sums);
     if (a.grad_bias == nullptr) return;
-    for (int64_t o = 0; o < g.out_channels; ++o) {
+    for (int64_t o = first; o < first + out; ++o) {
       T sum = 0;
       for (int64_t p = chunk.first; p < chunk.last; ++p) {
         const int64_t n = p / g.out_depth, z = p % g.out_depth;

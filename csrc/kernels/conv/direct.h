@@ -44,6 +44,17 @@ int64_t vector_start(int64_t index, int64_t width) {
   return std::max<int64_t>(0, std::min<int64_t>(index * lanes<T>, width - lanes<T>));
 }
 
+template <class T, class F, int... I>
+void split_columns(const T* from, int64_t width, const F& f, T* even, T* odd, std::integer_sequence<int, I...>) {
+  int64_t x = 0;
+  for (; x + 2 * lanes<T> <= width; x += 2 * lanes<T>) {
+    const vec<T> first = f(load(from + x)), second = f(load(from + x + lanes<T>));
+    store(even + x / 2, __builtin_shufflevector(first, second, 2 * I...));
+    store(odd + x / 2, __builtin_shufflevector(first, second, 2 * I + 1 ...));
+  }
+  for (; x < width; ++x) (x % 2 == 0 ? even : odd)[x / 2] = f(from[x]);
+}
+
 /// A tensor's rows as the kernels read them: output column x sees through kx the element column[kx] + x of a row.
 template <class T>
 struct Source {
@@ -56,8 +67,8 @@ struct Source {
   /// The tensor itself.
   Source(const T* tensor, int64_t width) : data(tensor), pitch(width), column{-1, 0, 1}, padded(false) {}
 
-  /// activate(row)(element) of each element, for rows of `reach` output columns. With stride 2 the odd columns come
-  /// first, then the even ones; with dilation 2 there are zeros between the elements.
+  /// activate(row)(elements) of each row's elements, for rows of `reach` output columns. With stride 2 the odd columns
+  /// come first, then the even ones; with dilation 2 there are zeros between the elements.
   template <class F>
   Source(const T* tensor, int64_t rows, int64_t width, int64_t reach, int64_t stride, int64_t dilation, int threads,
          const F& activate)
@@ -72,8 +83,9 @@ struct Source {
       T* to = copy.data() + r * pitch;
       const auto f = activate(r);
       if (stride == 2) {
-        for (int64_t x = 1; x < width; x += 2) to[1 + x / 2] = f(from[x]);
-        for (int64_t x = 0; x < width; x += 2) to[half + x / 2] = f(from[x]);
+        split_columns<T>(from, width, f, to + half, to + 1, lane_sequence<T>{});
+      } else if (dilation == 1) {
+        for (int64_t x = 0; x < width; ++x) to[1 + x] = f(from[x]);
       } else {
         for (int64_t x = 0; x < width; ++x) to[1 + x * dilation] = f(from[x]);
       }
