@@ -31,7 +31,9 @@ class AnyNetConfig:
             of that stage's resolution.
         spn_channels: channels of the spatial propagation.
         spn_directions: its scans: 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top.
-        spn_combine: how the scans' results become one.
+        spn_combine: how the scans' results become one; "chain": each scan takes the result of the one before.
+        spn_mismatch: the propagation is steered not by the left image alone, but also by the disparity and by how the
+            right image, warped by it, differs. So it can tell what the right camera does not see.
         reversed_residuals: the residual stages test disparity `d - s` where they count it as `d + s`, as the authors'
             released code and weights do.
     """
@@ -47,7 +49,8 @@ class AnyNetConfig:
     ranges: tuple[tuple[int, int], ...] = ((0, 11), (-2, 2), (-2, 2))
     spn_channels: int = 8
     spn_directions: tuple[int, ...] = (0,)
-    spn_combine: Literal["max", "mean"] = "max"
+    spn_combine: Literal["max", "mean", "chain"] = "max"
+    spn_mismatch: bool = False
     reversed_residuals: bool = False
 
     def __post_init__(self) -> None:
@@ -75,8 +78,8 @@ class AnyNetConfig:
         directions = self.spn_directions
         if not directions or len(set(directions)) < len(directions) or not set(directions) <= {0, 1, 2, 3}:
             raise AnyNetError(f"AnyNetConfig: expected spn_directions of distinct 0, 1, 2, 3, got {directions}")
-        if self.spn_combine not in ("max", "mean"):
-            raise AnyNetError(f"AnyNetConfig: expected spn_combine 'max' or 'mean', got {self.spn_combine!r}")
+        if self.spn_combine not in ("max", "mean", "chain"):
+            raise AnyNetError(f"AnyNetConfig: expected spn_combine 'max', 'mean' or 'chain', got {self.spn_combine!r}")
 
     def with_input_scale(self, input_scale: int) -> AnyNetConfig:
         """For the same weights, other enlarging: the first stage reaches as far in the input's pixels as before."""

@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, enlarged
+from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, enlarged, seen_with
 
 # The operators themselves: what is passed to them here needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -180,7 +180,7 @@ class InferenceGraph:
             yield enlarge(maps, scales)
         disparity = self._sum_at(scales[-1], maps[:-1], scales[:-1], maps[-1].shape, gain=1.0)
         disparity += _blur(maps[-1], scales[-1])
-        yield enlarge([self._refine(left, disparity)], scales[-1:])
+        yield enlarge([self._refine(left, right, disparity)], scales[-1:])
 
     def _features(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
         """[2, C, h, w] per stage: of the left image and the right one."""
@@ -203,22 +203,30 @@ class InferenceGraph:
         out: Tensor = _ops.upsample_sum.default(maps, ratios, 1 / scale if gain is None else gain, *size)
         return out[None, None]
 
-    def _refine(self, left: Tensor, disparity: Tensor) -> Tensor:
+    def _refine(self, left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
         """[1, 1, h, w] at the finest features' resolution to [h, w]."""
         n = len(self.config.spn_directions)
         height, width = disparity.shape[2:]
-        image = _ops.small_image.default(left, self._mean, self._std, self.config.finest, height, width)
-        gates = _run(self._guidance, image).view(n, 3, -1, height, width)
+
+        def small(image: Tensor) -> Tensor:
+            out: Tensor = _ops.small_image.default(image, self._mean, self._std, self.config.finest, height, width)
+            return out
+
+        guide = small(left)
+        if self.config.spn_mismatch:
+            guide = seen_with(guide, small(right), disparity / self.config.finest)
+        gates = _run(self._guidance, guide).view(n, 3, -1, height, width)
         gates = _ops.normalise_gates.default(gates)
         x = self._expand(disparity)
-        scans = [
-            _ops.spatial_propagation.default(x, gates[i : i + 1], direction)
-            for i, direction in enumerate(self.config.spn_directions)
-        ]
+        scans: list[Tensor] = []
+        for i, direction in enumerate(self.config.spn_directions):
+            scans.append(_ops.spatial_propagation.default(x, gates[i : i + 1], direction))
+            if self.config.spn_combine == "chain":
+                x = scans.pop()
         if len(scans) > 1:
             together = torch.stack(scans)
             scans = [together.amax(0) if self.config.spn_combine == "max" else together.mean(0)]
-        return self._reduce(scans[0])[0, 0]
+        return self._reduce(scans[0] if scans else x)[0, 0]
 
 
 def _blur(x: Tensor, factor: int) -> Tensor:

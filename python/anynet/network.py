@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet_ext import conv3x3, conv3x3x3, cost_volume, resize, soft_argmin, spatial_propagation
+from anynet_ext import conv3x3, conv3x3x3, cost_volume, resize, soft_argmin, spatial_propagation, warp
 
 # Of ImageNet's RGB values in 0..1.
 MEAN = (0.485, 0.456, 0.406)
@@ -128,8 +128,10 @@ class Refinement(nn.Module):
         c = config.spn_channels
         self.directions = config.spn_directions
         self.combine = config.spn_combine
+        self.mismatch = config.spn_mismatch
+        inputs = 7 if self.mismatch else 3
         self.guidance = nn.ModuleList(
-            Convolution(i, o) for i, o in pairwise([3, 2 * c, 2 * c, 2 * c, 3 * c * len(self.directions)])
+            Convolution(i, o) for i, o in pairwise([inputs, 2 * c, 2 * c, 2 * c, 3 * c * len(self.directions)])
         )
         self.expand = Convolution(1, c)
         self.reduce = Convolution(c, 1)
@@ -139,21 +141,32 @@ class Refinement(nn.Module):
             with torch.no_grad():
                 layer.weight[:, :, 1, 1] += gain
 
-    def gates(self, image: Tensor) -> Tensor:
-        """[N,3,H,W] -> [N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
+    def gates(self, guide: Tensor) -> Tensor:
+        """[N,3 or 7,H,W] -> [N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
         for i, layer in enumerate(self.guidance):
-            image = layer(image, relu_in=i > 0)
-        n, _, h, w = image.shape
-        gates = image.reshape(n, len(self.directions), 3, -1, h, w)
+            guide = layer(guide, relu_in=i > 0)
+        n, _, h, w = guide.shape
+        gates = guide.reshape(n, len(self.directions), 3, -1, h, w)
         normalised: Tensor = gates / (gates.abs().sum(2, keepdim=True) + 1e-8)
         return normalised
 
-    def forward(self, image: Tensor, disparity: Tensor) -> Tensor:
-        """Both at the resolution of the finest features."""
-        x, gates = self.expand(disparity), self.gates(image)
-        scans = torch.stack([spatial_propagation(x, gates[:, i], d) for i, d in enumerate(self.directions)])
-        out: Tensor = self.reduce(scans.amax(0) if self.combine == "max" else scans.mean(0))
+    def forward(self, left: Tensor, right: Tensor, disparity: Tensor, scale: int) -> Tensor:
+        """All at the resolution of the finest features, disparity in pixels `scale` times smaller."""
+        guide = seen_with(left, right, disparity.detach() / scale) if self.mismatch else left
+        x, gates = self.expand(disparity), self.gates(guide)
+        if self.combine == "chain":
+            for i, d in enumerate(self.directions):
+                x = spatial_propagation(x, gates[:, i], d)
+        else:
+            scans = torch.stack([spatial_propagation(x, gates[:, i], d) for i, d in enumerate(self.directions)])
+            x = scans.amax(0) if self.combine == "max" else scans.mean(0)
+        out: Tensor = self.reduce(x)
         return out
+
+
+def seen_with(left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
+    """[N, 7, H, W]: the left image, how the right one warped by the disparity differs from it, and the disparity."""
+    return torch.cat([left, warp(right, disparity) - left, disparity / 16], 1)
 
 
 class AnyNet(nn.Module):
@@ -223,4 +236,5 @@ class AnyNet(nn.Module):
             yield estimate
         assert estimate is not None
         finest = (height // self.config.finest, width // self.config.finest)
-        yield resize(self.refinement(resize(left, finest), resize(estimate, finest)), (height, width))
+        small_left, small_right, estimate = (resize(x, finest) for x in (left, right, estimate))
+        yield resize(self.refinement(small_left, small_right, estimate, self.config.finest), (height, width))

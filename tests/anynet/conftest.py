@@ -38,5 +38,8 @@ def wild_large_model() -> AnyNet:
             hourglass=2,
             cost_channels=(16, 16, 8, 4),
             ranges=ranges,
+            spn_directions=(1, 0),
+            spn_combine="chain",
+            spn_mismatch=True,
         )
     )

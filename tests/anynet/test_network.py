@@ -163,7 +163,7 @@ def test_the_hourglass_begins_as_the_identity_and_reaches_far() -> None:
         assert reach(deep) > 20
 
 
-@pytest.mark.parametrize("combine", ["max", "mean"])
+@pytest.mark.parametrize("combine", ["max", "mean", "chain"])
 def test_other_shapes_of_network(combine: str) -> None:
     config = AnyNetConfig(
         channels=2,
@@ -193,7 +193,7 @@ def test_other_shapes_of_network(combine: str) -> None:
         ({"ranges": ((0, 11), (2, -2), (-2, 2))}, "first <= last"),
         ({"spn_directions": (0, 0)}, "distinct"),
         ({"spn_directions": ()}, "spn_directions"),
-        ({"spn_combine": "sum"}, "'max' or 'mean', got 'sum'"),
+        ({"spn_combine": "sum"}, "'max', 'mean' or 'chain', got 'sum'"),
     ],
 )
 def test_impossible_configurations(options: dict[str, object], message: str) -> None:

@@ -7,8 +7,8 @@
 
 namespace anynet::ANYNET_ISA {
 
-/// Its only purpose is its name: std::vector's functions, compiled for one instruction set, get names of their own, so
-/// that the linker cannot merge them with those of another set or of the program.
+/// Gives std::vector's functions, compiled for one instruction set, names of their own, so that the linker cannot merge
+/// them with those of another set or of the program. And elements without a value begin uninitialised.
 template <class T>
 struct Allocator {
   using value_type = T;
@@ -21,6 +21,14 @@ struct Allocator {
     return static_cast<T*>(p);
   }
   void deallocate(T* p, std::size_t) { std::free(p); }
+  template <class U>
+  void construct(U* p) {
+    ::new (static_cast<void*>(p)) U;
+  }
+  template <class U, class V>
+  void construct(U* p, const V& value) {
+    ::new (static_cast<void*>(p)) U(value);
+  }
   friend bool operator==(const Allocator&, const Allocator&) { return true; }
   friend bool operator!=(const Allocator&, const Allocator&) { return false; }
 };

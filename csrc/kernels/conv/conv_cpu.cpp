@@ -190,40 +190,10 @@ void correlate_block(const Geometry& g, const Source<T>& input, const Source<T>&
   }
 }
 
-}  // namespace
-
+/// The gradient of these images, added to what is there.
 template <class T>
-void conv(const Conv<T>& a, int available) {
-  const Geometry g(a.shape);
-  const int threads = g.threads(available);
-  const int64_t size = g.in_channels * g.taps() * 3, depth = g.taps() * 3;
-  const auto weight = [&](int64_t o, int64_t c, int64_t t) { return a.weight[o * size + c * depth + t]; };
-  const bool direct = a.scale == nullptr && !a.relu_in && g.out_width >= lanes<T>;
-  const Source<T> source = direct ? Source<T>(a.input, g.in_width)
-                                  : Source<T>(a.input, g.batch * g.in_channels * g.in_rows(), g.in_width, g.out_width,
-                                              g.stride, 1, threads, activation<T>(a));
-  convolve(g, source, weight, a.bias, a.relu_out, static_cast<const T*>(nullptr), a.out, threads);
-}
-
-template <class T>
-void conv_backward_input(const ConvBackwardInput<T>& a, int available) {
-  const Geometry g = Geometry(a.shape).backward();
-  const int threads = g.threads(available);
-  const int64_t size = g.out_channels * g.taps() * 3, depth = g.taps() * 3;
-  const auto weight = [&](int64_t c, int64_t o, int64_t t) { return a.weight[o * size + c * depth + depth - 1 - t]; };
-  const bool direct = g.dilation == 1 && g.out_width >= lanes<T>;
-  const Source<T> source = direct ? Source<T>(a.grad, g.in_width)
-                                  : Source<T>(a.grad, g.batch * g.in_channels * g.in_rows(), g.in_width, g.out_width, 1,
-                                              g.dilation, threads, identity<T>);
-  convolve(g, source, weight, static_cast<const T*>(nullptr), false, a.before, a.grad_input, threads);
-}
-
-template <class T>
-void conv_backward_weight(const ConvBackwardWeight<T>& a, int available) {
-  const Geometry g(a.shape);
-  const int threads = g.threads(available);
+void add_weight_gradient(const ConvBackwardWeight<T>& a, const Geometry& g, bool direct, int threads) {
   const int64_t W = g.out_width, depth = g.taps() * 3, size = g.in_channels * depth;
-  const bool direct = a.scale == nullptr && !a.relu_in && g.stride == 1 && W >= lanes<T>;
   const Source<T> input = direct ? Source<T>(a.input, g.in_width)
                                  : Source<T>(a.input, g.batch * g.in_channels * g.in_rows(), g.in_width, W, g.stride, 1,
                                              threads, activation<T>(a));
@@ -238,7 +208,7 @@ void conv_backward_weight(const ConvBackwardWeight<T>& a, int available) {
   Vector<int64_t> blocks;  // of output channels: where they begin
   for (int64_t o = 0; o < g.out_channels; o += block_at(o, g.out_channels, max_channels)) blocks.push_back(o);
   const int64_t in_chunk = static_cast<int64_t>(blocks.size());
-  Vector<T> partial(count * total);  // per chunk [O][C][tap][kx], then the bias' [O]
+  Vector<T> partial(count * total, T(0));  // per chunk [O][C][tap][kx], then the bias' [O]
   parallel_for(count * in_chunk, threads, [&](int64_t unit) {
     const int64_t i = unit / in_chunk, group = i / parts, part = i % parts;
     const Chunk chunk{planes * group / groups, planes * (group + 1) / groups, g.out_height * part / parts,
@@ -259,13 +229,60 @@ void conv_backward_weight(const ConvBackwardWeight<T>& a, int available) {
   });
   parallel_for(g.out_channels, threads, [&](int64_t o) {
     T* to = a.grad_weight + o * size;
-    std::fill_n(to, size, T(0));
-    if (a.grad_bias != nullptr) a.grad_bias[o] = 0;
     for (int64_t i = 0; i < count; ++i) {
       const T* from = partial.data() + i * total;
       for (int64_t k = 0; k < size; ++k) to[k] += from[o * size + k];
       if (a.grad_bias != nullptr) a.grad_bias[o] += from[g.out_channels * size + o];
     }
+  });
+}
+
+}  // namespace
+
+template <class T>
+void conv(const Conv<T>& a, int available) {
+  const Geometry g(a.shape);
+  const int threads = g.threads(available);
+  const int64_t size = g.in_channels * g.taps() * 3, depth = g.taps() * 3;
+  const auto weight = [&](int64_t o, int64_t c, int64_t t) { return a.weight[o * size + c * depth + t]; };
+  const bool direct = a.scale == nullptr && !a.relu_in && g.out_width >= lanes<T>;
+  by_images(g.batch, direct ? 0 : g.in_size() * int64_t{sizeof(T)}, [&](int64_t n, int64_t images) {
+    const T* input = a.input + n * g.in_size();
+    const Source<T> source = direct ? Source<T>(input, g.in_width)
+                                    : Source<T>(input, images * g.in_channels * g.in_rows(), g.in_width, g.out_width,
+                                                g.stride, 1, threads, activation<T>(a));
+    convolve(g.of(images), source, weight, a.bias, a.relu_out, static_cast<const T*>(nullptr), a.out + n * g.out_size(),
+             threads);
+  });
+}
+
+template <class T>
+void conv_backward_input(const ConvBackwardInput<T>& a, int available) {
+  const Geometry g = Geometry(a.shape).backward();
+  const int threads = g.threads(available);
+  const int64_t size = g.out_channels * g.taps() * 3, depth = g.taps() * 3;
+  const auto weight = [&](int64_t c, int64_t o, int64_t t) { return a.weight[o * size + c * depth + depth - 1 - t]; };
+  const bool direct = g.dilation == 1 && g.out_width >= lanes<T>;
+  by_images(g.batch, direct ? 0 : g.dilation * g.in_size() * int64_t{sizeof(T)}, [&](int64_t n, int64_t images) {
+    const T* grad = a.grad + n * g.in_size();
+    const Source<T> source = direct ? Source<T>(grad, g.in_width)
+                                    : Source<T>(grad, images * g.in_channels * g.in_rows(), g.in_width, g.out_width, 1,
+                                                g.dilation, threads, identity<T>);
+    convolve(g.of(images), source, weight, static_cast<const T*>(nullptr), false,
+             a.before == nullptr ? nullptr : a.before + n * g.out_size(), a.grad_input + n * g.out_size(), threads);
+  });
+}
+
+template <class T>
+void conv_backward_weight(const ConvBackwardWeight<T>& a, int available) {
+  const Geometry g(a.shape);
+  std::fill_n(a.grad_weight, g.out_channels * g.in_channels * g.taps() * 3, T(0));
+  if (a.grad_bias != nullptr) std::fill_n(a.grad_bias, g.out_channels, T(0));
+  const bool direct = a.scale == nullptr && !a.relu_in && g.stride == 1 && g.out_width >= lanes<T>;
+  by_images(g.batch, direct ? 0 : g.in_size() * int64_t{sizeof(T)}, [&](int64_t n, int64_t images) {
+    ConvBackwardWeight<T> part = a;
+    part.input += n * g.in_size(), part.grad += n * g.out_size();
+    add_weight_gradient(part, g.of(images), direct, g.threads(available));
   });
 }
 

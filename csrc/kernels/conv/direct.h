@@ -81,6 +81,7 @@ struct Source {
     parallel_for(rows, threads, [&](int64_t r) {
       const T* from = tensor + r * width;
       T* to = copy.data() + r * pitch;
+      std::fill_n(to, pitch, T(0));
       const auto f = activate(r);
       if (stride == 2) {
         split_columns<T>(from, width, f, to + half, to + 1, lane_sequence<T>{});
@@ -92,6 +93,15 @@ struct Source {
     });
   }
 };
+
+/// Calls body(n, count) for images [n, n + count) at a time: all of them, or as many as may be copied to padded rows
+/// without leaving the caches, and memory that malloc keeps (fresh pages take longer than the copy).
+template <class Body>
+void by_images(int64_t batch, int64_t bytes_of_copy, const Body& body) {
+  constexpr int64_t cache = 4 << 20;
+  const int64_t step = bytes_of_copy == 0 ? batch : std::max<int64_t>(1, cache / bytes_of_copy);
+  for (int64_t n = 0; n < batch; n += step) body(n, std::min(step, batch - n));
+}
 
 /// A convolution of output rows: the forward pass, or the gradient of the input as the convolution of the gradient
 /// with the kernel turned around. Output position o reads position o * stride + tap - 1 of an input whose elements are
@@ -133,6 +143,13 @@ struct Geometry {
   int64_t taps() const { return 3 * kernel_depth; }
   int64_t in_rows() const { return in_depth * in_height; }
   int64_t out_rows() const { return out_depth * out_height; }
+  int64_t in_size() const { return in_channels * in_rows() * in_width; }  // of an image
+  int64_t out_size() const { return out_channels * out_rows() * out_width; }
+  Geometry of(int64_t images) const {
+    Geometry g = *this;
+    g.batch = images;
+    return g;
+  }
 
   /// The position in an input of `size` that output position `o` reads through tap `t`, or -1.
   int64_t tap(int64_t o, int64_t t, int64_t size) const {

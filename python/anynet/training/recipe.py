@@ -112,7 +112,16 @@ class Recipe:
                 raise AnyNetError(f"{option.name} was {old!r} when the run began, so it cannot be {new!r} on resuming")
 
 
-LARGE = AnyNetConfig(channels=4, groups=4, hourglass=2, cost_channels=(16, 8, 4), ranges=((0, 11), (-3, 3), (-2, 2)))
+LARGE = AnyNetConfig(
+    channels=4,
+    groups=4,
+    hourglass=2,
+    cost_channels=(16, 8, 4),
+    ranges=((0, 11), (-3, 3), (-2, 2)),
+    spn_directions=(1, 0),
+    spn_combine="chain",
+    spn_mismatch=True,
+)
 
 PRESETS: dict[str, Recipe] = {
     # The paper, section IV-A.
@@ -120,7 +129,7 @@ PRESETS: dict[str, Recipe] = {
     "paper-kitti": Recipe(epochs=300, rate=5e-4, schedule="step", augment=False, clip=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
     "default": Recipe(steps=8_000, rate=2e-3, warm_up=100),
-    "large": Recipe(network=LARGE, steps=8_000, batch=4, rate=2e-3, warm_up=100, occluded_weight=0.2),
+    "large": Recipe(network=LARGE, steps=7_000, batch=4, rate=2e-3, warm_up=100, occluded_weight=0.2),
     "kitti": Recipe(weights="default", input_scale=2, steps=1_200, batch=3, crop=(192, 384), rate=1e-3, warm_up=100),
 }
 
