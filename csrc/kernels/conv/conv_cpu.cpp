@@ -69,6 +69,39 @@ struct Chunk {
   int64_t first, last, begin, end;
 };
 
+/// Adds a vector of gradients of CO channels times the pixels of CI channels that they saw through each kx.
+template <class T, int CO, int CI>
+ANYNET_INLINE void add_columns(vec<T> (&sum)[CO][CI][3], const T* in, int64_t in_channel, const int64_t* column,
+                               const T* out, int64_t out_channel, LaneRange<T> left, LaneRange<T> right,
+                               LaneRange<T> fresh) {
+  // Whichever is fewer stays in registers: three columns of one input channel, or the gradients.
+  if constexpr (CI == 1) {
+    const vec<T> pixels[3] = {load(in + column[0], left), load(in + column[1]), load(in + column[2], right)};
+#pragma GCC unroll 8
+    for (int k = 0; k < CO; ++k) {
+      const vec<T> gradient = load(out + k * out_channel, fresh);
+#pragma GCC unroll 3
+      for (int kx = 0; kx < 3; ++kx) sum[k][0][kx] += gradient * pixels[kx];
+      read_after(out, sum[k][0][2]);
+    }
+  } else {
+    vec<T> gradients[CO];
+#pragma GCC unroll 8
+    for (int k = 0; k < CO; ++k) gradients[k] = load(out + k * out_channel, fresh);
+#pragma GCC unroll 8
+    for (int i = 0; i < CI; ++i) {
+#pragma GCC unroll 3
+      for (int kx = 0; kx < 3; ++kx) {
+        const T* at = in + i * in_channel + column[kx];
+        const vec<T> pixels = kx == 0 ? load(at, left) : kx == 1 ? load(at) : load(at, right);
+#pragma GCC unroll 8
+        for (int k = 0; k < CO; ++k) sum[k][i][kx] += gradients[k] * pixels;
+        read_after(in, sum[CO - 1][i][kx]);
+      }
+    }
+  }
+}
+
 /// sums[o * out_step + c * in_step + kx] += the sum over a chunk of grad[o] times the input c that it saw through
 /// (kz, ky) and kx, for CO output and CI input channels from `o` and `c` on.
 template <class T, int CO, int CI>
@@ -93,39 +126,10 @@ void correlate(const Geometry& g, const Source<T>& input, const Source<T>& grad,
     for (int64_t y = begin; y < end; ++y) {
       const T* row = in_plane + (y * g.stride + ky - 1) * input.pitch;
       const T* out_row = out_plane + y * grad.pitch;
-      const auto step = [&](int64_t x, LaneRange<T> left, LaneRange<T> right, LaneRange<T> fresh)
-                            __attribute__((always_inline)) {
-                              // Whichever is fewer stays in registers: three columns of one input channel, or the
-                              // gradients.
-                              const auto pixels = [&](int i, int kx) __attribute__((always_inline)) {
-                                const T* at = row + i * in_channel + input.column[kx] + x;
-                                return kx == 0 ? load(at, left) : kx == 1 ? load(at) : load(at, right);
-                              };
-                              if constexpr (CI == 1) {
-                                const vec<T> columns[3] = {pixels(0, 0), pixels(0, 1), pixels(0, 2)};
-#pragma GCC unroll 8
-                                for (int k = 0; k < CO; ++k) {
-                                  const vec<T> v = load(out_row + k * out_channel + x, fresh);
-#pragma GCC unroll 3
-                                  for (int kx = 0; kx < 3; ++kx) sum[k][0][kx] += v * columns[kx];
-                                  read_after(out_row, sum[k][0][2]);
-                                }
-                              } else {
-                                vec<T> v[CO];
-#pragma GCC unroll 8
-                                for (int k = 0; k < CO; ++k) v[k] = load(out_row + k * out_channel + x, fresh);
-#pragma GCC unroll 8
-                                for (int i = 0; i < CI; ++i) {
-#pragma GCC unroll 3
-                                  for (int kx = 0; kx < 3; ++kx) {
-                                    const vec<T> column = pixels(i, kx);
-#pragma GCC unroll 8
-                                    for (int k = 0; k < CO; ++k) sum[k][i][kx] += v[k] * column;
-                                    read_after(row, sum[CO - 1][i][kx]);
-                                  }
-                                }
-                              }
-                            };
+      const auto step = [&](int64_t x, LaneRange<T> left, LaneRange<T> right,
+                            LaneRange<T> fresh) __attribute__((always_inline)) {
+        add_columns<T, CO, CI>(sum, row + x, in_channel, input.column, out_row + x, out_channel, left, right, fresh);
+      };
       if (last > 0) step(0, left, all, all);
       for (int64_t x = L; x < last; x += L) step(x, all, all, all);
       step(last, last == 0 ? left : all, right, fresh);
