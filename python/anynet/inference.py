@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, enlarged, seen_with
+from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, enlarged, mismatch_guide
 
 # The operators themselves: what is passed to them here needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -214,7 +214,7 @@ class InferenceGraph:
 
         guide = small(left)
         if self.config.spn_mismatch:
-            guide = seen_with(guide, small(right), disparity / self.config.finest)
+            guide = mismatch_guide(guide, small(right), disparity / self.config.finest)
         gates = _run(self._guidance, guide).view(n, 3, -1, height, width)
         gates = _ops.normalise_gates.default(gates)
         x = self._expand(disparity)

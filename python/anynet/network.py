@@ -128,8 +128,7 @@ class Refinement(nn.Module):
         c = config.spn_channels
         self.directions = config.spn_directions
         self.combine = config.spn_combine
-        self.mismatch = config.spn_mismatch
-        inputs = 7 if self.mismatch else 3
+        inputs = 7 if config.spn_mismatch else 3
         self.guidance = nn.ModuleList(
             Convolution(i, o) for i, o in pairwise([inputs, 2 * c, 2 * c, 2 * c, 3 * c * len(self.directions)])
         )
@@ -150,9 +149,8 @@ class Refinement(nn.Module):
         normalised: Tensor = gates / (gates.abs().sum(2, keepdim=True) + 1e-8)
         return normalised
 
-    def forward(self, left: Tensor, right: Tensor, disparity: Tensor, scale: int) -> Tensor:
-        """All at the resolution of the finest features, disparity in pixels `scale` times smaller."""
-        guide = seen_with(left, right, disparity.detach() / scale) if self.mismatch else left
+    def forward(self, guide: Tensor, disparity: Tensor) -> Tensor:
+        """Both at the resolution of the finest features."""
         x, gates = self.expand(disparity), self.gates(guide)
         if self.combine == "chain":
             for i, d in enumerate(self.directions):
@@ -164,7 +162,7 @@ class Refinement(nn.Module):
         return out
 
 
-def seen_with(left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
+def mismatch_guide(left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
     """[N, 7, H, W]: the left image, how the right one warped by the disparity differs from it, and the disparity."""
     return torch.cat([left, warp(right, disparity) - left, disparity / 16], 1)
 
@@ -236,5 +234,7 @@ class AnyNet(nn.Module):
             yield estimate
         assert estimate is not None
         finest = (height // self.config.finest, width // self.config.finest)
-        small_left, small_right, estimate = (resize(x, finest) for x in (left, right, estimate))
-        yield resize(self.refinement(small_left, small_right, estimate, self.config.finest), (height, width))
+        guide, estimate = resize(left, finest), resize(estimate, finest)
+        if self.config.spn_mismatch:
+            guide = mismatch_guide(guide, resize(right, finest), estimate.detach() / self.config.finest)
+        yield resize(self.refinement(guide, estimate), (height, width))

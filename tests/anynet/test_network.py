@@ -9,7 +9,7 @@ from torch import nn
 
 from anynet import AnyNet, AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet.network import Convolution, Hourglass, Refinement, cost_net, seen_with
+from anynet.network import Convolution, Hourglass, Refinement, cost_net, mismatch_guide
 
 
 @pytest.fixture
@@ -168,7 +168,7 @@ def test_the_guide_shows_where_the_images_do_not_match() -> None:
     left = torch.roll(right, 5, dims=3)
     disparity = torch.full((1, 1, 12, 40), 5.0)
     disparity[..., 6:, :] = 3
-    guide = seen_with(left, right, disparity)
+    guide = mismatch_guide(left, right, disparity)
     assert guide.shape == (1, 7, 12, 40)
     assert torch.equal(guide[:, :3], left)
     assert (guide[:, 3:6, :6, 5:] == 0).all()
@@ -181,7 +181,7 @@ def test_chained_scans_take_each_others_results() -> None:
     """What enters at one pixel of the first row, the first scan carries left, and the second one right again."""
     torch.manual_seed(0)
     config = AnyNetConfig(spn_directions=(1, 0), spn_combine="chain")
-    images = pair(1, 32)
+    image, _ = pair(1, 32)
     one = torch.zeros(1, 1, 1, 32)
     one[..., 16] = 1
 
@@ -189,7 +189,7 @@ def test_chained_scans_take_each_others_results() -> None:
         torch.manual_seed(0)
         refinement = Refinement(replace(config, spn_combine=combine))
         with torch.no_grad():
-            return refinement(*images, one, 4)[0, 0, 0] - refinement(*images, torch.zeros_like(one), 4)[0, 0, 0]
+            return (refinement(image, one) - refinement(image, torch.zeros_like(one)))[0, 0, 0]
 
     chain, mean = response("chain"), response("mean")
     assert (chain[:14] != 0).any()
