@@ -218,15 +218,15 @@ class InferenceGraph:
         gates = _run(self._guidance, guide).view(n, 3, -1, height, width)
         gates = _ops.normalise_gates.default(gates)
         x = self._expand(disparity)
-        scans: list[Tensor] = []
+        scans = []
         for i, direction in enumerate(self.config.spn_directions):
             scans.append(_ops.spatial_propagation.default(x, gates[i : i + 1], direction))
             if self.config.spn_combine == "chain":
-                x = scans.pop()
-        if len(scans) > 1:
+                x = scans[-1]
+        if len(scans) > 1 and self.config.spn_combine != "chain":
             together = torch.stack(scans)
-            scans = [together.amax(0) if self.config.spn_combine == "max" else together.mean(0)]
-        return self._reduce(scans[0] if scans else x)[0, 0]
+            scans.append(together.amax(0) if self.config.spn_combine == "max" else together.mean(0))
+        return self._reduce(scans[-1])[0, 0]
 
 
 def _blur(x: Tensor, factor: int) -> Tensor:

@@ -146,13 +146,14 @@ class Refinement(nn.Module):
             guide = layer(guide, relu_in=i > 0)
         n, _, h, w = guide.shape
         gates = guide.reshape(n, len(self.directions), 3, -1, h, w)
-        normalised: Tensor = gates / (gates.abs().sum(2, keepdim=True) + 1e-8)
+        # Not a division: the gradient of one takes four more.
+        normalised: Tensor = gates * (gates.abs().sum(2, keepdim=True) + 1e-8).reciprocal()
         return normalised
 
     def forward(self, guide: Tensor, disparity: Tensor) -> Tensor:
         """Both at the resolution of the finest features."""
         x, gates = self.expand(disparity), self.gates(guide)
-        if self.combine == "chain":
+        if self.combine == "chain" or len(self.directions) == 1:
             for i, d in enumerate(self.directions):
                 x = spatial_propagation(x, gates[:, i], d)
         else:
