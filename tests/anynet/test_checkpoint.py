@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import pickle
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -9,10 +10,12 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import save_file
+from skimage.data import stereo_motorcycle
 
-from anynet import AnyNet, AnyNetConfig, load_checkpoint, save_checkpoint
-from anynet.checkpoint import load_metadata
+from anynet import AnyNet, AnyNetConfig, Predictor, load_checkpoint, save_checkpoint
+from anynet.checkpoint import PACKAGED, load_metadata
 from anynet.errors import AnyNetError
+from anynet.evaluation.metrics import scores
 from anynet.network import MEAN, STD
 
 SHARED = Path(__file__).parents[2] / ".." / "shared"
@@ -40,6 +43,19 @@ def test_round_trip(tmp_path: Path) -> None:
     for name, tensor in model.state_dict().items():
         assert torch.equal(loaded.state_dict()[name], tensor), name
     assert load_metadata(path) == {"trained_on": ["a", "b"]}
+
+
+@pytest.mark.parametrize("name", sorted(file.stem for file in PACKAGED.glob("*.safetensors")))
+def test_packaged_weights_are_trained(name: str) -> None:
+    """On a real pair that no training saw, each stage is better than the one before, or at most a little worse."""
+    left, right, truth = stereo_motorcycle()
+    known = np.isfinite(truth) & (truth > 0)
+    d1 = [scores(e.disparity, truth, known).d1 for e in Predictor(name).stages(left, right)]
+    assert d1[-1] < 25
+    assert d1[-1] < 0.75 * d1[0]
+    assert all(later < 1.1 * before for before, later in pairwise(d1))
+    assert (PACKAGED / f"{name}.md").exists()
+    assert "recipe" in load_metadata(PACKAGED / f"{name}.safetensors")
 
 
 def test_a_failed_save_leaves_the_old_file_and_nothing_else(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
