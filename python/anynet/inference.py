@@ -86,10 +86,9 @@ def _chain(modules: Iterable[nn.Module], activated: bool = False) -> list[_Layer
     return layers
 
 
-def _mirrored(layer: _Layer | _Hourglass) -> _Layer | _Hourglass:
+def _mirrored(layer: _Layer | _Hourglass) -> _Layer:
     """With the disparities the other way round."""
-    if isinstance(layer, _Hourglass):
-        return _Hourglass([_mirrored(inner) for inner in layer.layers])
+    assert isinstance(layer, _Layer)  # only the first stage has an hourglass, and it is never mirrored
     return replace(layer, weight=torch.flip(layer.weight, (2,)))
 
 

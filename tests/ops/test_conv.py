@@ -69,6 +69,13 @@ def test_every_channel_count(dimensions: int, channels: int, stride: int) -> Non
     check(make(sizes, (33 - channels, channels), dtype=torch.float32, affine=False), stride=stride)
 
 
+@pytest.mark.parametrize("stride", [1, 2])
+@pytest.mark.parametrize("sizes", [(100, 1000), (5, 40, 500)])
+def test_batches_too_large_to_be_copied_at_once(sizes: tuple[int, ...], stride: int) -> None:
+    """Padded copies are made of as many images at a time as take 4 MB: here of 2, 2 and 1."""
+    check(make(sizes, (2, 3), batch=5), stride=stride, relu_in=True)
+
+
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("stride", [1, 2])
 @pytest.mark.parametrize("width", [1, 2, 3, 7, 8, 9, 15, 16, 17, 31, 32, 33, 77, 80, 96, 97])
