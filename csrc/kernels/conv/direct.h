@@ -44,6 +44,7 @@ int64_t vector_start(int64_t index, int64_t width) {
   return std::max<int64_t>(0, std::min<int64_t>(index * lanes<T>, width - lanes<T>));
 }
 
+/// The even and the odd columns of a row, each through `f`.
 template <class T, class F, int... I>
 void split_columns(const T* from, int64_t width, const F& f, T* even, T* odd, std::integer_sequence<int, I...>) {
   int64_t x = 0;
