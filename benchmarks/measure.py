@@ -4,10 +4,25 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from unittest import mock
 
 import torch
+
+from anynet import network
+from anynet_ext import reference
+
+CONVOLUTIONS = ("conv3x3", "conv3x3x3")
+OPERATORS = (*CONVOLUTIONS, "cost_volume", "resize", "soft_argmin", "spatial_propagation", "warp")
+
+
+@contextmanager
+def plain_operators(names: Sequence[str] = OPERATORS) -> Iterator[None]:
+    """The network computes these on PyTorch's own operators."""
+    with mock.patch.multiple(network, **{name: getattr(reference, name) for name in names}):
+        yield
 
 
 def median_ms(function: Callable[[], object], seconds: float = 0.5, least: int = 7) -> float:

@@ -28,12 +28,11 @@ from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import cv2
 import numpy as np
 import torch
-from measure import PRODUCT, Limits, interleaved_ms, matrix_product, measure_limits, median_ratio
+from measure import PRODUCT, Limits, interleaved_ms, matrix_product, measure_limits, median_ratio, plain_operators
 from rich.console import Console
 from rich.table import Table
 from torch import Tensor, nn
@@ -41,10 +40,8 @@ from torch.utils._python_dispatch import TorchDispatchMode
 
 import anynet_ext
 from anynet import AnyNet, Predictor, load_checkpoint, network
-from anynet_ext import reference
 
 HEIGHT, WIDTH = 368, 1232
-OPERATORS = ("conv3x3", "conv3x3x3", "cost_volume", "resize", "soft_argmin", "spatial_propagation")
 
 
 def pair(height: int = HEIGHT, width: int = WIDTH) -> tuple[np.ndarray, np.ndarray]:
@@ -65,12 +62,6 @@ class Plain(nn.Module):
     def forward(self, left: Tensor, right: Tensor) -> Tensor:
         *_, last = islice(self.model.stages(left, right), self.stages)
         return last
-
-
-@contextmanager
-def plain_operators() -> Iterator[None]:
-    with mock.patch.multiple(network, **{name: getattr(reference, name) for name in OPERATORS}):
-        yield
 
 
 class Counter(TorchDispatchMode):

@@ -14,18 +14,13 @@ from __future__ import annotations
 import argparse
 import statistics
 from collections.abc import Callable
-from unittest import mock
 
 import torch
-from measure import interleaved_ms, median_ratio
+from measure import CONVOLUTIONS, OPERATORS, interleaved_ms, median_ratio, plain_operators
 from rich.console import Console
 from rich.table import Table
 
-from anynet import AnyNet, network
-from anynet_ext import reference
-
-CONVOLUTIONS = ("conv3x3", "conv3x3x3")
-OPERATORS = (*CONVOLUTIONS, "cost_volume", "resize", "soft_argmin")
+from anynet import AnyNet
 
 
 def steps(batch: int, height: int, width: int) -> dict[str, Callable[[], None]]:
@@ -39,13 +34,13 @@ def steps(batch: int, height: int, width: int) -> dict[str, Callable[[], None]]:
         torch.autograd.backward(model(*images), gradients)
 
     def without(names: tuple[str, ...]) -> None:
-        with mock.patch.multiple(network, **{name: getattr(reference, name) for name in names}):
+        with plain_operators(names):
             ours()
 
     return {
         "ours": ours,
         "PyTorch's convolutions": lambda: without(CONVOLUTIONS),
-        "PyTorch": lambda: without(OPERATORS),
+        "PyTorch": lambda: without(tuple(name for name in OPERATORS if name != "spatial_propagation")),
     }
 
 

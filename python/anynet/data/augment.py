@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import cv2
@@ -34,8 +34,9 @@ def _window(shape: tuple[int, ...], size: tuple[int, int], rng: Rng, name: str) 
 
 
 def random_crop(sample: StereoSample, size: tuple[int, int], rng: Rng) -> StereoSample:
-    """A random window of `size` (height, width), the same in both views."""
-    return _cut(sample, _window(sample.disparity.shape, size, rng, sample.name))
+    """A random window of `size` (height, width), the same in both views. The result's `noc` is what is `seen`."""
+    part = _cut(sample, _window(sample.disparity.shape, size, rng, sample.name))
+    return replace(part, noc=seen(part))
 
 
 def mirrored(sample: RenderedSample) -> StereoSample:
@@ -153,13 +154,14 @@ def augment(
     if photometric:
         images = _photometric(images, rng)
     hidden = _occlude(images[1], rng) if rng.random() < occluders else None
-    noc = seen(sample, hidden)
+    valid = sample.valid & (sample.disparity < MAX_DISPARITY)
+    noc = valid & seen(sample, hidden)
     flip = slice(None, None, -1 if rng.random() < 0.2 else 1)
     return StereoSample(
         left=images[0][flip],
         right=images[1][flip],
         disparity=sample.disparity[flip],
-        valid=sample.valid[flip] & (sample.disparity[flip] < MAX_DISPARITY),
+        valid=valid[flip],
         noc=noc[flip],
         foreground=None if sample.foreground is None else sample.foreground[flip],
         name=sample.name,

@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from anynet.data import StereoSample
-from anynet.data.augment import augment, random_crop, seen
+from anynet.data.augment import augment, random_crop
 from anynet.errors import AnyNetError
 from anynet.training.distributed import Processes
 from anynet.training.recipe import Recipe
@@ -37,13 +37,14 @@ class _Draws(Dataset[Item]):
         dice = np.random.default_rng((recipe.seed, 1, draw))
         sample = self._samples[int(self._order[place])]
         sample = (augment if recipe.augment else random_crop)(sample, recipe.crop, dice)
+        assert sample.noc is not None  # crops say what they show
         unseen = np.float32(recipe.occluded_weight)
         disparity = np.where(sample.valid, sample.disparity, 0).astype(np.float32)
         return (
             torch.from_numpy(np.ascontiguousarray(sample.left.transpose(2, 0, 1))),
             torch.from_numpy(np.ascontiguousarray(sample.right.transpose(2, 0, 1))),
             torch.from_numpy(disparity[None]),
-            torch.from_numpy(np.where(seen(sample), np.float32(1), unseen * sample.valid)[None]),
+            torch.from_numpy(np.where(sample.noc, np.float32(1), unseen * sample.valid)[None]),
         )
 
 
