@@ -15,7 +15,7 @@ from anynet.render.sensor import photograph
 from anynet.render.surfaces import Window
 from anynet.render.textures import Field, Image
 
-MIXTURE = {"street": 0.4, "room": 0.3, "ground": 0.1, "things": 0.2}
+MIXTURE = {"street": 0.35, "room": 0.4, "ground": 0.1, "things": 0.15}
 
 
 @dataclass(frozen=True, kw_only=True)

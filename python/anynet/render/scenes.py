@@ -37,9 +37,9 @@ def tone(rng: Rng, light: float = 1.0, weak: bool = False, negative: bool = Fals
     x = np.linspace(0, 1, 256)[:, None] ** rng.uniform(0.7, 1.5)
     if negative:
         x = 1 - x
-    contrast = rng.uniform(0.08, 0.3) if weak else rng.uniform(0.6, 1.15)
-    x = (x - 0.5) * contrast + (rng.uniform(0.3, 0.7) if weak else 0.5)
-    tint = np.clip(rng.normal(1, 0.07, 3), 0.7, 1.3)
+    contrast = np.exp(rng.uniform(np.log(0.02), np.log(0.3))) if weak else rng.uniform(0.6, 1.15)
+    x = (x - 0.5) * contrast + (rng.uniform(0.15, 0.85) if weak else 0.5)
+    tint = np.clip(rng.normal(1, 0.2 if weak else 0.07, 3), 0.5, 1.4)
     return np.clip(255 * x * tint * light, 0, 255).astype(np.uint8)[:, None]
 
 
@@ -49,6 +49,7 @@ class Scene:
     camera: Camera
     tilt: Vector = field(default_factory=lambda: np.eye(3))
     surfaces: list[Surface] = field(default_factory=list)
+    weak: float = 0.0  # least chance of faint texture, whatever the surface
 
     def pick(self, kinds: Sequence[str]) -> str:
         return kinds[int(self.rng.integers(len(kinds)))]
@@ -71,7 +72,7 @@ class Scene:
             tile * rng.uniform(0.6, 1.6),
             (rng.uniform(), rng.uniform()),
             turn=kind not in ("facade", "bricks", "sky") and rng.random() < 0.5,
-            table=tone(rng, light, rng.random() < weak, kind in ABSTRACT and rng.random() < 0.15),
+            table=tone(rng, light, rng.random() < max(weak, self.weak), kind in ABSTRACT and rng.random() < 0.15),
             gloss=gloss,
             glow=int(rng.integers(textures.VARIANTS)),
             opacity=opacity,
@@ -552,7 +553,7 @@ def street(rng: Rng, height: int, width: int) -> Scene:
 def room(rng: Rng, height: int, width: int) -> Scene:
     """Things on a table or in the air before a wall, one hiding the other, with large relative disparities."""
     camera = _camera(rng, height, width, (0.9, 2.5), (0.15, 0.5))
-    scene = Scene(rng, camera, _tilt(rng, 0.06))
+    scene = Scene(rng, camera, _tilt(rng, 0.06), weak=rng.choice([0.0, 0.5, 0.85], p=[0.4, 0.3, 0.3]))
     back = float(np.exp(rng.uniform(np.log(8), np.log(50))))  # disparity of the wall
     front = min(back * rng.uniform(1.6, 4.5), 150.0)
     z = camera.focal / back
@@ -665,7 +666,7 @@ def ground(rng: Rng, height: int, width: int) -> Scene:
 def things(rng: Rng, height: int, width: int) -> Scene:
     """Anything anywhere, at any angle, disparities to the limit."""
     camera = _camera(rng, height, width, (0.8, 2.0), (0.3, 0.7))
-    scene = Scene(rng, camera, _tilt(rng, 0.12))
+    scene = Scene(rng, camera, _tilt(rng, 0.12), weak=rng.choice([0.0, 0.6], p=[0.7, 0.3]))
     back = float(np.exp(rng.uniform(np.log(2), np.log(45))))
     front = back + (rng.choice([60.0, 110.0, 180.0]) - back) * rng.uniform(0.4, 1)
     z = camera.focal / back

@@ -28,7 +28,7 @@ def photograph(rng: Rng, left: Image, right: Image) -> tuple[Image, Image]:
     gain = float(np.clip(rng.uniform(70, 165) / 255 / max(middle, 1e-3), 0.5, 3))  # automatic exposure
     lift, tint = rng.uniform(0, 0.06), rng.normal(1, 0.06, 3)
     blur = max(0.0, rng.normal(0.45, 0.25))
-    noise = min(rng.exponential(2.2), 9.0)
+    noise = min(rng.exponential(rng.choice([0.8, 3.0])), 9.0)
     unlike = rng.choice([0.0, 1.0, 2.0], p=[0.4, 0.5, 0.1])  # how much the cameras differ
 
     def take(image: Image) -> Image:
