@@ -100,9 +100,15 @@ def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     return out
 
 
-def normalise_gates(gates: Tensor) -> Tensor:
-    """Gates over the sum of the absolute values of each pixel's three, plus 1e-8: [N, 3, C, H, W], float32."""
-    out: Tensor = torch.ops.anynet.normalise_gates(gates)
+def normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+    """`spatial_propagation` with gates over the sum of the absolute values of each pixel's three, plus 1e-8.
+
+    [N, C, H, W], [N, 3, C, H, W] -> [N, C, H, W], float32, contiguous.
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype, shape or layout, or the direction is not 0, 1, 2 or 3.
+    """
+    out: Tensor = torch.ops.anynet.normalised_propagation(input, gates, direction)
     return out
 
 
@@ -155,8 +161,8 @@ def _fake_max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     return input.new_empty(n, c, h // 2, w // 2)
 
 
-def _fake_normalise_gates(gates: Tensor) -> Tensor:
-    return torch.empty_like(gates, memory_format=torch.contiguous_format)
+def _fake_normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+    return torch.empty_like(input, memory_format=torch.contiguous_format)
 
 
 def _fake_small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
@@ -172,7 +178,7 @@ for _fake in (
     _fake_upsample_sum,
     _fake_upsample_concat,
     _fake_max_pool,
-    _fake_normalise_gates,
+    _fake_normalised_propagation,
     _fake_small_image,
 ):
     _name = "anynet::" + _fake.__name__.removeprefix("_fake_")

@@ -176,9 +176,9 @@ def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     return _affine_relu(F.max_pool2d(input, 2), scale, shift)
 
 
-def normalise_gates(gates: Tensor) -> Tensor:
-    """gates / (sum of the absolute values of each pixel's three + 1e-8)"""
-    return gates / (gates.abs().sum(1, keepdim=True) + 1e-8)
+def normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+    """spatial_propagation with gates / (sum of the absolute values of each pixel's three + 1e-8)"""
+    return spatial_propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
 
 
 def small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:

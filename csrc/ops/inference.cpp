@@ -2,7 +2,9 @@
 
 #include <vector>
 
+#include "../kernels/spatial_propagation/spatial_propagation.h"
 #include "inference.h"
+#include "spatial_propagation.h"
 
 namespace anynet::ops {
 
@@ -61,13 +63,14 @@ Tensor max_pool(const Tensor& input, const Tensor& scale, const Tensor& shift) {
   return out;
 }
 
-Tensor normalise_gates(const Tensor& gates) {
-  check_contiguous("normalise_gates", "gates", gates, 5);
-  ANYNET_CHECK(gates.size(1) == 3, "normalise_gates: expected gates of shape [N, 3, C, H, W], got ", shape(gates));
-  Tensor out = contiguous_like(gates);
-  const int64_t size = gates.size(2) * gates.size(3) * gates.size(4);
-  const NormaliseGates<float> args{size > 0 ? gates.size(0) : 0, size, data<float>(gates), data<float>(out)};
-  if (args.batch > 0) anynet::normalise_gates(chosen_isa(), args, num_threads());
+Tensor normalised_propagation(const Tensor& input, const Tensor& gates, int64_t direction) {
+  check_contiguous("normalised_propagation", "input", input, 4);
+  check_contiguous("normalised_propagation", "gates", gates, 5);
+  check_spatial_propagation("normalised_propagation", input, gates, direction);
+  Tensor out = contiguous_like(input);
+  const SpatialPropagation<float> args{view<float>(input), view<float, 5>(gates), static_cast<int>(direction),
+                                       data<float>(out), true};
+  anynet::spatial_propagation(chosen_isa(), args, num_threads());
   return out;
 }
 
@@ -92,7 +95,7 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   m.def("upsample_concat(Tensor skip, Tensor coarse, Tensor scale, Tensor shift) -> Tensor",
         {at::Tag::pt2_compliant_tag});
   m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("normalise_gates(Tensor gates) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("small_image(Tensor image, Tensor mean, Tensor std, int factor, SymInt height, SymInt width) -> Tensor",
         {at::Tag::pt2_compliant_tag});
   m.def("upsample_sum(Tensor[] maps, int[] ratios, float gain, SymInt height, SymInt width) -> Tensor",
@@ -103,7 +106,7 @@ STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
   m.impl("upsample_sum", TORCH_BOX(&upsample_sum));
   m.impl("upsample_concat", TORCH_BOX(&upsample_concat));
   m.impl("max_pool", TORCH_BOX(&max_pool));
-  m.impl("normalise_gates", TORCH_BOX(&normalise_gates));
+  m.impl("normalised_propagation", TORCH_BOX(&normalised_propagation));
   m.impl("small_image", TORCH_BOX(&small_image));
 }
 

@@ -8,7 +8,7 @@
 namespace anynet::ops {
 
 Tensor spatial_propagation(const Tensor& input, const Tensor& gates, int64_t direction) {
-  check_spatial_propagation(input, gates, direction);
+  check_spatial_propagation("spatial_propagation", input, gates, direction);
   Tensor out = contiguous_like(input);
   dispatch(input.scalar_type(), "spatial_propagation", [&](auto t) {
     using T = decltype(t);

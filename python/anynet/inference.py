@@ -215,11 +215,10 @@ class InferenceGraph:
         if self.config.spn_mismatch:
             guide = mismatch_guide(guide, small(right), disparity / self.config.finest)
         gates = _run(self._guidance, guide).view(n, 3, -1, height, width)
-        gates = _ops.normalise_gates.default(gates)
         x = self._expand(disparity)
         scans = []
         for i, direction in enumerate(self.config.spn_directions):
-            scans.append(_ops.spatial_propagation.default(x, gates[i : i + 1], direction))
+            scans.append(_ops.normalised_propagation.default(x, gates[i : i + 1], direction))
             if self.config.spn_combine == "chain":
                 x = scans[-1]
         if len(scans) > 1 and self.config.spn_combine != "chain":

@@ -63,11 +63,12 @@ def test_max_pool(size: tuple[int, int]) -> None:
     check("max_pool", random(2, 3, *size), random(3), random(3), rtol=None, atol=None)
 
 
-@pytest.mark.parametrize("shape", [(1, 3, 1, 1, 1), (3, 3, 2, 5, 17), (1, 3, 8, 30, 40), (0, 3, 2, 2, 2)])
-def test_normalise_gates(shape: tuple[int, ...]) -> None:
-    gates = random(*shape)
-    gates[..., 0] = 0
-    check("normalise_gates", gates, rtol=None, atol=None)
+@pytest.mark.parametrize("direction", [0, 1, 2, 3])
+@pytest.mark.parametrize("shape", [(1, 1, 1, 1), (3, 2, 5, 17), (1, 8, 30, 40), (0, 2, 2, 2), (1, 2, 0, 3)])
+def test_normalised_propagation(shape: tuple[int, ...], direction: int) -> None:
+    gates = random(shape[0], 3, *shape[1:])
+    gates[..., -1] = 0  # nothing to normalise
+    check("normalised_propagation", random(*shape), gates, direction, rtol=None, atol=None)
 
 
 @pytest.mark.parametrize("factor", [2, 4])
@@ -98,7 +99,7 @@ def test_operators_are_good_citizens() -> None:
         (ops.upsample_sum, ([random(2, 3), random(4, 6)], [4, 2], 0.5, 8, 11)),
         (ops.upsample_concat, (random(1, 2, 4, 4), random(1, 1, 2, 2), random(3), random(3))),
         (ops.max_pool, (random(1, 2, 4, 4), random(2), random(2))),
-        (ops.normalise_gates, (random(1, 3, 2, 4, 4),)),
+        (ops.normalised_propagation, (random(1, 2, 4, 4), random(1, 3, 2, 4, 4), 2)),
         (ops.small_image, (image(8, 8), random(3), random(3), 4, 2, 2)),
     ):
         torch.library.opcheck(op.default, args)
@@ -106,7 +107,7 @@ def test_operators_are_good_citizens() -> None:
 
 def test_no_gradients() -> None:
     with pytest.raises(RuntimeError, match="no gradients"):
-        inference.normalise_gates(random(1, 3, 1, 2, 2).requires_grad_()).sum().backward()
+        inference.normalised_propagation(random(1, 1, 2, 2).requires_grad_(), random(1, 3, 1, 2, 2), 0).sum().backward()
 
 
 def test_errors() -> None:
@@ -131,8 +132,12 @@ def test_errors() -> None:
         inference.upsample_concat(random(1, 2, 4, 4), random(1, 1, 2, 2), random(2), random(2))
     with pytest.raises(RuntimeError, match="input as contiguous float32 tensor of 4 dimensions"):
         inference.max_pool(random(2, 4, 4), random(2), random(2))
-    with pytest.raises(RuntimeError, match=r"shape \[N, 3, C, H, W\], got \[1, 2, 1, 2, 2\]"):
-        inference.normalise_gates(random(1, 2, 1, 2, 2))
+    with pytest.raises(RuntimeError, match=r"gates of shape \[1, 3, 1, 2, 2\], got \[1, 2, 1, 2, 2\]"):
+        inference.normalised_propagation(random(1, 1, 2, 2), random(1, 2, 1, 2, 2), 0)
+    with pytest.raises(RuntimeError, match="normalised_propagation: expected direction 0, 1, 2 or 3, got 4"):
+        inference.normalised_propagation(random(1, 1, 2, 2), random(1, 3, 1, 2, 2), 4)
+    with pytest.raises(RuntimeError, match="contiguous float32"):
+        inference.normalised_propagation(random(1, 1, 2, 2).double(), random(1, 3, 1, 2, 2).double(), 0)
     with pytest.raises(RuntimeError, match="at least one pixel"):
         inference.small_image(image(8, 8), random(3), random(3), 4, 0, 2)
     with pytest.raises(RuntimeError, match="factor 2 or 4, got 3"):

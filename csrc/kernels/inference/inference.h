@@ -44,14 +44,6 @@ struct MaxPool {
   T* out;                                  // [N,C,H/2,W/2]
 };
 
-/// out_j = in_j / (sum_j |in_j| + 1e-8), over the three gates of a pixel and channel.
-template <class T>
-struct NormaliseGates {
-  int64_t batch, size;  // size: channels * pixels
-  const T* in;          // [N,3,size], contiguous
-  T* out;               // [N,3,size]
-};
-
 /// The image at half or a quarter of its size, bilinear (so: the mean of the middle 2x2 of each 2x2 or 4x4), and
 /// normalised: out[c] = (small[c] - mean[c]) / std[c]. Beyond the image its last row and column go on.
 template <class T>
@@ -68,7 +60,6 @@ struct SmallImage {
 ANYNET_DECLARE_KERNEL(upsample_sum, UpsampleSum)
 ANYNET_DECLARE_KERNEL(upsample_concat, UpsampleConcat)
 ANYNET_DECLARE_KERNEL(max_pool, MaxPool)
-ANYNET_DECLARE_KERNEL(normalise_gates, NormaliseGates)
 ANYNET_DECLARE_KERNEL(small_image, SmallImage)
 
 }  // namespace anynet

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cmath>
 #include <utility>
 
 #include "../common/parallel.h"
@@ -182,25 +181,6 @@ void max_pool(const MaxPool<T>& a, int threads) {
 }
 
 template <class T>
-void normalise_gates(const NormaliseGates<T>& a, int threads) {
-  threads = useful_threads(a.batch * a.size * 4, threads);
-  parallel_ranges(a.batch * a.size, threads, [&](int64_t begin, int64_t end) {
-    for (int64_t n = begin / a.size; n * a.size < end; ++n) {
-      const T* in = a.in + 3 * n * a.size;
-      T* __restrict out = a.out + 3 * n * a.size;
-      const int64_t size = a.size, last = std::min(end - n * size, size);
-      for (int64_t i = std::max(begin - n * size, int64_t{0}); i < last; ++i) {
-        const T g0 = in[i], g1 = in[size + i], g2 = in[2 * size + i];
-        const T factor = 1 / (std::abs(g0) + std::abs(g1) + std::abs(g2) + T(1e-8));
-        out[i] = g0 * factor;
-        out[size + i] = g1 * factor;
-        out[2 * size + i] = g2 * factor;
-      }
-    }
-  });
-}
-
-template <class T>
 void small_image(const SmallImage<T>& a, int threads) {
   const int64_t first = a.factor / 2 - 1;
   const T gain[3] = {T(0.25) / a.std[0], T(0.25) / a.std[1], T(0.25) / a.std[2]};
@@ -221,7 +201,6 @@ void small_image(const SmallImage<T>& a, int threads) {
 template void upsample_sum<float>(const UpsampleSum<float>&, int);
 template void upsample_concat<float>(const UpsampleConcat<float>&, int);
 template void max_pool<float>(const MaxPool<float>&, int);
-template void normalise_gates<float>(const NormaliseGates<float>&, int);
 template void small_image<float>(const SmallImage<float>&, int);
 
 }  // namespace anynet::ANYNET_ISA

@@ -1,3 +1,5 @@
+#include <cmath>
+
 #include "../common/parallel.h"
 #include "../common/scratch.h"
 #include "../common/simd.h"
@@ -82,13 +84,21 @@ class Lines {
 /// Reads the three gates of a block of lines, with zeros for those whose neighbour lies outside.
 template <class T, class A>
 void read_gates(Lines<A>* lines, const Scan& scan, const View<const T, 5>& gates, int64_t n, int64_t c, int64_t begin,
-                int64_t count) {
+                int64_t count, bool normalise) {
   const int64_t* stride = gates.stride;
   for (int j = 0; j < 3; ++j) {
     const T* p = gates.data + n * stride[0] + j * stride[1] + c * stride[2];
     lines[j].read(scan, p, stride[3], stride[4], begin, count);
   }
   for (int64_t i = 0; i < count; ++i) {
+    if (normalise) {
+      A *g0 = lines[0][i], *g1 = lines[1][i], *g2 = lines[2][i];
+#pragma omp simd
+      for (int64_t r = 0; r < scan.length; ++r) {
+        const A factor = 1 / (std::abs(g0[r]) + std::abs(g1[r]) + std::abs(g2[r]) + A(1e-8));
+        g0[r] *= factor, g1[r] *= factor, g2[r] *= factor;
+      }
+    }
     lines[0][i][0] = 0;
     lines[2][i][scan.length - 1] = 0;
     if (begin + i == (scan.descending ? scan.steps - 1 : 0)) {
@@ -118,7 +128,7 @@ void spatial_propagation(const SpatialPropagation<T>& a, int threads) {
         const int64_t count = scan.steps - done < block ? scan.steps - done : block;
         const int64_t t = scan.descending ? scan.steps - done - count : done;
         input.read(scan, a.input.data + n * stride[0] + c * stride[1], stride[2], stride[3], t, count);
-        read_gates(gates, scan, a.gates, n, c, t, count);
+        read_gates(gates, scan, a.gates, n, c, t, count, a.normalise);
         for (int64_t step = 0; step < count; ++step) {
           const int64_t i = scan.descending ? count - 1 - step : step;
           const A *x = input[i], *g0 = gates[0][i], *g1 = gates[1][i], *g2 = gates[2][i];
@@ -161,7 +171,7 @@ void spatial_propagation_backward(const SpatialPropagationBackward<T>& a, int th
         const int64_t t = scan.descending ? scan.steps - left - count : left;
         read(input, a.input, t, count);
         read(e_lines, a.grad, t, count);
-        read_gates(gates, scan, a.gates, n, c, t, count);
+        read_gates(gates, scan, a.gates, n, c, t, count, false);
         // h of the step before; the first line has none, and reads its own.
         const int64_t first = left == 0;
         const int64_t shift = scan.descending ? 1 : -1;
