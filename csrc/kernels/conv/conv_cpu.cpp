@@ -48,8 +48,8 @@ void convolve(const Geometry& g, const Source<T>& source, const Weight& weight, 
 
 // --------------------------------------------------------------------------------------------- gradient of the weights
 
-constexpr int64_t most_chunks = 64;    // that are summed apart
-constexpr int64_t chunk_vectors = 64;  // of gradient in a chunk, at least
+constexpr int64_t most_chunks = 64;     // that are summed apart
+constexpr int64_t chunk_vectors = 128;  // of gradient in a chunk, at least
 
 template <int distance, class T, int... I>
 ANYNET_INLINE vec<T> rotate(vec<T> v, std::integer_sequence<int, I...>) {
@@ -103,7 +103,7 @@ ANYNET_INLINE void add_columns(vec<T> (&sum)[CO][CI][3], const T* in, int64_t in
 }
 
 /// sums[o * out_step + c * in_step + kx] += the sum over a chunk of grad[o] times the input c that it saw through
-/// (kz, ky) and kx, for CO output and CI input channels from `o` and `c` on.
+/// (kz, ky) and kx, for CO output and CI input channels from `o` and `c` on. Each sum is still a vector of sums.
 template <class T, int CO, int CI>
 void correlate(const Geometry& g, const Source<T>& input, const Source<T>& grad, const Chunk& chunk, int64_t o,
                int64_t c, int64_t kz, int64_t ky, int64_t out_step, int64_t in_step, T* sums) {
@@ -140,7 +140,10 @@ void correlate(const Geometry& g, const Source<T>& input, const Source<T>& grad,
 #pragma GCC unroll 8
     for (int i = 0; i < CI; ++i) {
 #pragma GCC unroll 3
-      for (int kx = 0; kx < 3; ++kx) sums[k * out_step + i * in_step + kx] += sum_lanes<T>(sum[k][i][kx]);
+      for (int kx = 0; kx < 3; ++kx) {
+        T* to = sums + (k * out_step + i * in_step + kx) * L;
+        store(to, load(to) + sum[k][i][kx]);
+      }
     }
   }
 }
@@ -171,7 +174,8 @@ Correlate<T> pick_correlate(int64_t out, int64_t in) {
   return out == 4 ? pick_correlate<T, 4>(in) : out == 2 ? pick_correlate<T, 2>(in) : pick_correlate<T, 1>(in);
 }
 
-/// sums[o][C][tap][kx], over a chunk, for `out` channels from `o` on. In pieces whose rows stay in the nearest cache.
+/// sums[o][C][tap][kx], each a vector, over a chunk, for `out` channels from `o` on. In pieces whose rows stay in the
+/// nearest cache.
 template <class T>
 void correlate_block(const Geometry& g, const Source<T>& input, const Source<T>& grad, const Chunk& chunk, int64_t o,
                      int64_t out, T* sums) {
@@ -187,7 +191,7 @@ void correlate_block(const Geometry& g, const Source<T>& input, const Source<T>&
         in = block_at(c, g.in_channels, max_channels / out);
         const auto function = pick_correlate<T>(out, in);
         for (int64_t t = 0; t < taps; ++t) {
-          function(g, input, grad, piece, o, c, t / 3, t % 3, size, kernel, sums + o * size + c * kernel + t * 3);
+          function(g, input, grad, piece, o, c, t / 3, t % 3, size, kernel, sums + (c * kernel + t * 3) * lanes<T>);
         }
       }
     }
@@ -219,7 +223,10 @@ void add_weight_gradient(const ConvBackwardWeight<T>& a, const Geometry& g, bool
                       g.out_height * (part + 1) / parts};
     T* sums = partial.data() + i * total;
     const int64_t first = blocks[unit % in_chunk], out = block_at(first, g.out_channels, max_channels);
-    correlate_block(g, input, grad, chunk, first, out, sums);
+    const Scratch<T> vectors(out * size * lanes<T>);
+    fill_zero<T>(vectors, out * size * lanes<T>);
+    correlate_block<T>(g, input, grad, chunk, first, out, vectors);
+    for (int64_t k = 0; k < out * size; ++k) sums[first * size + k] = sum_lanes<T>(load(vectors + k * lanes<T>));
     if (a.grad_bias == nullptr) return;
     for (int64_t o = first; o < first + out; ++o) {
       T sum = 0;
