@@ -7,10 +7,12 @@ import json
 import math
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import cast
 
+import filelock
 import torch
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
@@ -30,6 +32,8 @@ from anynet.training.loss import loss_weights, stage_losses
 from anynet.training.recipe import Recipe
 
 RECIPE, CHECKPOINT, LOG, WEIGHTS = "recipe.json", "checkpoint.pt", "log.jsonl", "weights.safetensors"
+LOCK = "run.lock"
+PATIENCE = 10  # seconds: the data workers of a run that was killed hold its lock until they notice, after 5
 
 
 def train(
@@ -53,8 +57,8 @@ def train(
         data, validation: samples (by name, for validation) in place of those that the recipe names.
 
     Raises:
-        AnyNetError: `out` holds a run already and `resume` is false; or it is the run of another recipe; or the loss
-            is no longer finite; or there is nothing to train on.
+        AnyNetError: `out` holds a run already and `resume` is false; or it is the run of another recipe, or one that
+            another process is busy with; or the loss is no longer finite; or there is nothing to train on.
     """
     out = Path(out)
     if recipe.threads is not None:
@@ -65,11 +69,23 @@ def train(
         validation = {name: open_datasets([name]) for name in recipe.validation}
     if not len(data):
         raise AnyNetError("no pairs to train on")
-    with process_group(recipe.device) as group:
+    with process_group(recipe.device) as group, _locked(out) if group.first else nullcontext():
         if group.first:
             _begin(recipe, out, resume)
         group.wait()
         return _Run(recipe, out, data, validation, group).go()
+
+
+@contextmanager
+def _locked(out: Path) -> Iterator[None]:
+    """Keeps the folder from a second process, however the first one ends."""
+    make_folder(out)
+    try:
+        held = filelock.FileLock(out / LOCK).acquire(timeout=PATIENCE)
+    except filelock.Timeout:
+        raise AnyNetError(f"{out}: another process is training there") from None
+    with held:
+        yield
 
 
 def _begin(recipe: Recipe, out: Path, resume: bool) -> None:
@@ -79,7 +95,6 @@ def _begin(recipe: Recipe, out: Path, resume: bool) -> None:
         if not resume:
             raise AnyNetError(f"{out} holds a run already: resume it, or choose another folder")
         Recipe.from_json(stored.read_text()).check_resumed(recipe)
-    make_folder(out)
     write_atomically(stored, recipe.to_json().encode())
 
 

@@ -19,6 +19,7 @@ from safetensors.torch import load_file
 
 from anynet.errors import AnyNetError
 from anynet.network import AnyNet
+from anynet.training import loop
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes
 from anynet.training.loop import CHECKPOINT, LOG, WEIGHTS, train
@@ -153,6 +154,23 @@ def test_a_loss_that_is_not_finite_stops_the_run(tmp_path, monkeypatch):
     state = torch.load(tmp_path / CHECKPOINT, weights_only=True)
     assert state["step"] == 4
     assert all(tensor.isfinite().all() for tensor in state["model"].values())
+
+
+def test_two_processes_do_not_train_in_one_folder(tmp_path, monkeypatch):
+    first = _start(tmp_path, steps=100_000)
+    try:
+        while not (tmp_path / LOG).exists():
+            assert first.poll() is None
+            time.sleep(0.05)
+        with monkeypatch.context() as patch, pytest.raises(AnyNetError, match="another process is training there"):
+            patch.setattr(loop, "PATIENCE", 0.1)
+            train(replace(RECIPE, steps=100_000), tmp_path, data=Planes(10), resume=True)
+    finally:
+        first.kill()
+        first.communicate()
+    before = len(_lines(tmp_path))
+    with pytest.raises(AnyNetError, match="steps was 100000"):  # not the lock, which went with its process
+        train(replace(RECIPE, steps=before), tmp_path, data=Planes(10), resume=True)
 
 
 def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
