@@ -94,6 +94,26 @@ def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) 
     return out
 
 
+def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    """`relu(scale * (input + enlarged coarse) + shift)`: an hourglass's way up, as far as its next convolution.
+
+    Enlarging is trilinear with align_corners=False.
+
+    Args:
+        input: [N, C, D, H, W] float32, contiguous, as are all.
+        coarse: [N, C, d, h, w].
+        scale, shift: [C].
+
+    Returns:
+        [N, C, D, H, W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype or shape.
+    """
+    out: Tensor = torch.ops.anynet.upsample_add(input, coarse, scale, shift)
+    return out
+
+
 def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     """`relu(scale * max_pool2x2(input) + shift)`: [N, C, H, W], [C], [C] -> [N, C, H // 2, W // 2], float32."""
     out: Tensor = torch.ops.anynet.max_pool(input, scale, shift)
@@ -156,6 +176,10 @@ def _fake_upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Te
     return skip.new_empty(n, skip.shape[1] + coarse.shape[1], h, w)
 
 
+def _fake_upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    return torch.empty_like(input, memory_format=torch.contiguous_format)
+
+
 def _fake_max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     n, c, h, w = input.shape
     return input.new_empty(n, c, h // 2, w // 2)
@@ -177,6 +201,7 @@ for _fake in (
     _fake_stem,
     _fake_upsample_sum,
     _fake_upsample_concat,
+    _fake_upsample_add,
     _fake_max_pool,
     _fake_normalised_propagation,
     _fake_small_image,

@@ -130,7 +130,8 @@ def resize(
 
 
 def _affine_relu(x: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
-    return F.relu(scale[:, None, None] * x + shift[:, None, None])
+    channels = (-1, *[1] * (x.dim() - 2))
+    return F.relu(scale.view(channels) * x + shift.view(channels))
 
 
 def stem(
@@ -169,6 +170,11 @@ def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) 
     """relu(scale * cat([skip, enlarged coarse]) + shift)"""
     enlarged = F.interpolate(coarse, skip.shape[2:], mode="bilinear", align_corners=True)
     return _affine_relu(torch.cat([skip, enlarged], 1), scale, shift)
+
+
+def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    """relu(scale * (input + enlarged coarse) + shift)"""
+    return _affine_relu(input + F.interpolate(coarse, input.shape[2:], mode="trilinear"), scale, shift)
 
 
 def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:

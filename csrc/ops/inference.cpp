@@ -53,6 +53,22 @@ Tensor upsample_concat(const Tensor& skip, const Tensor& coarse, const Tensor& s
   return out;
 }
 
+Tensor upsample_add(const Tensor& input, const Tensor& coarse, const Tensor& scale, const Tensor& shift) {
+  check_contiguous("upsample_add", "input", input, 5);
+  check_contiguous("upsample_add", "coarse", coarse, 5);
+  ANYNET_CHECK(input.size(0) == coarse.size(0) && input.size(1) == coarse.size(1) && coarse.numel() > 0,
+               "upsample_add: expected coarse of input's batch size and channels, with at least one voxel, got ",
+               shape(coarse));
+  check_affine("upsample_add", scale, shift, input.size(1), input);
+  Tensor out = contiguous_like(input);
+  const UpsampleAdd<float> args{input.size(0),      input.size(1),       input.size(2),      input.size(3),
+                                input.size(4),      coarse.size(2),      coarse.size(3),     coarse.size(4),
+                                data<float>(input), data<float>(coarse), data<float>(scale), data<float>(shift),
+                                data<float>(out)};
+  anynet::upsample_add(chosen_isa(), args, num_threads());
+  return out;
+}
+
 Tensor max_pool(const Tensor& input, const Tensor& scale, const Tensor& shift) {
   check_contiguous("max_pool", "input", input, 4);
   check_affine("max_pool", scale, shift, input.size(1), input);
@@ -94,6 +110,8 @@ Tensor small_image(const Tensor& image, const Tensor& mean, const Tensor& std, i
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   m.def("upsample_concat(Tensor skip, Tensor coarse, Tensor scale, Tensor shift) -> Tensor",
         {at::Tag::pt2_compliant_tag});
+  m.def("upsample_add(Tensor input, Tensor coarse, Tensor scale, Tensor shift) -> Tensor",
+        {at::Tag::pt2_compliant_tag});
   m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("small_image(Tensor image, Tensor mean, Tensor std, int factor, SymInt height, SymInt width) -> Tensor",
@@ -105,6 +123,7 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
 STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
   m.impl("upsample_sum", TORCH_BOX(&upsample_sum));
   m.impl("upsample_concat", TORCH_BOX(&upsample_concat));
+  m.impl("upsample_add", TORCH_BOX(&upsample_add));
   m.impl("max_pool", TORCH_BOX(&max_pool));
   m.impl("normalised_propagation", TORCH_BOX(&normalised_propagation));
   m.impl("small_image", TORCH_BOX(&small_image));

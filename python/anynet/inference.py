@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, enlarged, mismatch_guide
+from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, mismatch_guide
 
 # The operators themselves: what is passed to them here needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -45,12 +45,15 @@ class _Layer:
 
 @dataclass(frozen=True)
 class _Hourglass:
-    """Adds what its layers, on the way down and up again, say."""
+    """Adds what its layers, on the way down and up again, say; with the affine and ReLU of the layer after it."""
 
     layers: Sequence[_Layer | _Hourglass]
+    scale: Tensor
+    shift: Tensor
 
     def __call__(self, x: Tensor) -> Tensor:
-        return enlarged(_run(self.layers, x), add=x)
+        out: Tensor = _ops.upsample_add.default(x, _run(self.layers, x), self.scale, self.shift)
+        return out
 
 
 def _affine(norm: nn.Module) -> tuple[Tensor, Tensor]:
@@ -69,18 +72,24 @@ def _chain(modules: Iterable[nn.Module], activated: bool = False) -> list[_Layer
         activated: the chain's input has been through the first norm and ReLU; otherwise they go into its first layer.
     """
     layers: list[_Layer | _Hourglass] = []
+    hourglass: Hourglass | None = None  # that waits for the layer after it
     for module in modules:
         if isinstance(module, Hourglass):
-            layers.append(_Hourglass(_chain([module.halve, *module.inside, module.last])))
+            hourglass = module
             continue
         assert isinstance(module, PreActivation)
         scale, shift = _affine(module.norm)
         layer = _Layer(module.conv.weight, stride=module.conv.stride)
-        before = layers[-1] if layers else None
-        if isinstance(before, _Layer):
+        if hourglass is not None:
+            inside = _chain([hourglass.halve, *hourglass.inside, hourglass.last])
+            layers.append(_Hourglass(inside, scale, shift))
+            hourglass = None
+        elif layers:
+            before = layers[-1]
+            assert isinstance(before, _Layer)
             weight = before.weight * scale.view([-1] + [1] * (before.weight.dim() - 1))
             layers[-1] = replace(before, weight=weight.contiguous(), bias=shift, relu_out=True)
-        elif before is not None or not activated:
+        elif not activated:
             layer = replace(layer, scale=scale, shift=shift, relu_in=True)
         layers.append(layer)
     return layers

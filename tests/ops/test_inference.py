@@ -58,6 +58,12 @@ def test_upsample_concat(size: tuple[int, int], coarse_size: tuple[int, int]) ->
     check("upsample_concat", random(2, 3, *size), random(2, 4, *coarse_size), random(7), random(7), atol=1e-5)
 
 
+@pytest.mark.parametrize("size", [(1, 1, 1), (2, 2, 3), (5, 7, 19), (4, 10, 64)])
+@pytest.mark.parametrize("coarse_size", [(1, 1, 1), (3, 1, 2), (2, 5, 32)])
+def test_upsample_add(size: tuple[int, int, int], coarse_size: tuple[int, int, int]) -> None:
+    check("upsample_add", random(2, 3, *size), random(2, 3, *coarse_size), random(3), random(3), atol=1e-5)
+
+
 @pytest.mark.parametrize("size", [(2, 2), (5, 3), (12, 70)])
 def test_max_pool(size: tuple[int, int]) -> None:
     check("max_pool", random(2, 3, *size), random(3), random(3), rtol=None, atol=None)
@@ -98,6 +104,7 @@ def test_operators_are_good_citizens() -> None:
         ),
         (ops.upsample_sum, ([random(2, 3), random(4, 6)], [4, 2], 0.5, 8, 11)),
         (ops.upsample_concat, (random(1, 2, 4, 4), random(1, 1, 2, 2), random(3), random(3))),
+        (ops.upsample_add, (random(1, 2, 2, 4, 4), random(1, 2, 1, 2, 2), random(2), random(2))),
         (ops.max_pool, (random(1, 2, 4, 4), random(2), random(2))),
         (ops.normalised_propagation, (random(1, 2, 4, 4), random(1, 3, 2, 4, 4), 2)),
         (ops.small_image, (image(8, 8), random(3), random(3), 4, 2, 2)),
@@ -130,6 +137,8 @@ def test_errors() -> None:
         inference.upsample_sum([random(2, 2)] * 9, [4] * 9, 8, 8)
     with pytest.raises(RuntimeError, match=r"scale of shape \[3\], got \[2\]"):
         inference.upsample_concat(random(1, 2, 4, 4), random(1, 1, 2, 2), random(2), random(2))
+    with pytest.raises(RuntimeError, match=r"coarse of input's batch size and channels.* got \[1, 3, 1, 2, 2\]"):
+        inference.upsample_add(random(1, 2, 2, 4, 4), random(1, 3, 1, 2, 2), random(2), random(2))
     with pytest.raises(RuntimeError, match="input as contiguous float32 tensor of 4 dimensions"):
         inference.max_pool(random(2, 4, 4), random(2), random(2))
     with pytest.raises(RuntimeError, match=r"gates of shape \[1, 3, 1, 2, 2\], got \[1, 2, 1, 2, 2\]"):

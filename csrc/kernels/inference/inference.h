@@ -34,6 +34,19 @@ struct UpsampleConcat {
   T* out;           // [N,S+C,H,W]
 };
 
+/// An hourglass's way up, as far as the next convolution: a volume plus a coarser one, enlarged, through a per-channel
+/// affine and ReLU. Trilinear; pixels are areas (PyTorch's align_corners=False).
+template <class T>
+struct UpsampleAdd {
+  int64_t batch, channels;
+  int64_t depth, height, width, coarse_depth, coarse_height, coarse_width;
+  const T* input;   // [N,C,D,H,W], contiguous
+  const T* coarse;  // [N,C,d,h,w], contiguous
+  const T* scale;   // [C]
+  const T* shift;   // [C]
+  T* out;           // [N,C,D,H,W]
+};
+
 /// out = max(0, scale[c] * maxpool2x2(in) + shift[c])
 template <class T>
 struct MaxPool {
@@ -59,6 +72,7 @@ struct SmallImage {
 
 ANYNET_DECLARE_KERNEL(upsample_sum, UpsampleSum)
 ANYNET_DECLARE_KERNEL(upsample_concat, UpsampleConcat)
+ANYNET_DECLARE_KERNEL(upsample_add, UpsampleAdd)
 ANYNET_DECLARE_KERNEL(max_pool, MaxPool)
 ANYNET_DECLARE_KERNEL(small_image, SmallImage)
 

@@ -80,6 +80,12 @@ Position<T> point_position(int64_t i, int64_t out_size, int64_t size) {
   return {out_size > 1 ? static_cast<T>(i * (size - 1)) / static_cast<T>(out_size - 1) : T(0), size};
 }
 
+/// Pixels as areas: element i of an axis of `out_size`.
+template <class T>
+Position<T> area_position_in(int64_t i, int64_t out_size, int64_t size) {
+  return {(static_cast<T>(i) + T(0.5)) * static_cast<T>(size) / static_cast<T>(out_size) - T(0.5), size};
+}
+
 /// The columns that a row is enlarged to, and a row between two rows of the source.
 template <class T>
 class Enlarger {
@@ -98,7 +104,12 @@ class Enlarger {
   template <class F>
   void row(const T* map, int64_t height, const Position<T>& y, const F& write) {
     blend_rows<T>(map, width_, height, y, 1, line_);
-    const T* __restrict line = line_;
+    row(line_, write);
+  }
+
+  /// The same for a row that is there, with its last element once more.
+  template <class F>
+  void row(const T* __restrict line, const F& write) {
     const int32_t* __restrict low = low_;
     const T* __restrict fraction = fraction_;
 #pragma omp simd
@@ -164,6 +175,32 @@ void upsample_concat(const UpsampleConcat<T>& a, int threads) {
 }
 
 template <class T>
+void upsample_add(const UpsampleAdd<T>& a, int threads) {
+  const int64_t plane = a.coarse_height * a.coarse_width;
+  threads = useful_threads(a.batch * a.channels * a.depth * a.height * a.width * 4, threads);
+  parallel_ranges(a.batch * a.channels * a.depth * a.height, threads, [&](int64_t begin, int64_t end) {
+    Enlarger<T> enlarger(a.width, a.coarse_width,
+                         [&](int64_t x) { return area_position_in<T>(x, a.width, a.coarse_width); });
+    const Scratch<T> near(a.coarse_width + 1), far(a.coarse_width + 1);
+    for (int64_t i = begin; i < end; ++i) {
+      const int64_t volume = i / a.height / a.depth;
+      const Position<T> z = area_position_in<T>(i / a.height % a.depth, a.depth, a.coarse_depth);
+      const Position<T> y = area_position_in<T>(i % a.height, a.height, a.coarse_height);
+      const T* coarse = a.coarse + (volume * a.coarse_depth + z.low) * plane;
+      blend_rows<T>(coarse, a.coarse_width, a.coarse_height, y, 1, near);
+      blend_rows<T>(z.low + 1 < a.coarse_depth ? coarse + plane : coarse, a.coarse_width, a.coarse_height, y, 1, far);
+      T* __restrict line = near;
+      const T* __restrict other = far;
+      for (int64_t x = 0; x <= a.coarse_width; ++x) line[x] += z.fraction * (other[x] - line[x]);
+      const T scale = a.scale[volume % a.channels], shift = a.shift[volume % a.channels];
+      const T* __restrict input = a.input + i * a.width;
+      T* __restrict out = a.out + i * a.width;
+      enlarger.row(line, [=](int64_t x, T value) { out[x] = std::max(scale * (input[x] + value) + shift, T(0)); });
+    }
+  });
+}
+
+template <class T>
 void max_pool(const MaxPool<T>& a, int threads) {
   const int64_t height = a.height / 2, width = a.width / 2;
   threads = useful_threads(a.batch * a.channels * height * width * 4, threads);
@@ -200,6 +237,7 @@ void small_image(const SmallImage<T>& a, int threads) {
 
 template void upsample_sum<float>(const UpsampleSum<float>&, int);
 template void upsample_concat<float>(const UpsampleConcat<float>&, int);
+template void upsample_add<float>(const UpsampleAdd<float>&, int);
 template void max_pool<float>(const MaxPool<float>&, int);
 template void small_image<float>(const SmallImage<float>&, int);
 
