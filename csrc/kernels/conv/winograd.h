@@ -1,6 +1,6 @@
 // Winograd's algorithm F(2x2, 3x3) over depth and height (Lavin and Gray, arXiv 1509.09308): the 2 x 2 outputs of a
 // tile take 4 x 4 products of transformed rows with transformed weights instead of 4 x 9. Along the width the kernel
-// slides as it does in `direct.h`, whose blocks do the products, so that a pixel's neighbours never change lanes.
+// slides as it does in `direct.h`, so that a pixel's neighbours never change lanes.
 //
 // The transforms cost additions per channel, so this pays where channels are many; over the height alone, as 2-D
 // convolutions would have it, it does not. It rounds differently from the direct kernel (by a few units in the last
