@@ -149,8 +149,11 @@ class InferenceGraph:
                 self._ranges[i] = -high, -low
                 self._signs[i] = -1.0
                 self._cost_nets[i] = [_mirrored(layer) for layer in self._cost_nets[i]]
-        guidance = [_Layer(layer.get_parameter("weight").detach(), relu_out=True) for layer in refinement.guidance]
-        self._guidance = [*guidance[:-1], replace(guidance[-1], relu_out=False)]
+        *guidance, gates = [layer.get_parameter("weight").detach() for layer in refinement.guidance]
+        self._guidance = [_Layer(weight, relu_out=True) for weight in guidance]
+        directions = self.config.spn_directions
+        # Direction by direction, so that no more than one scan's gates are in memory.
+        self._gates = [_Layer(weight) for weight in gates.chunk(len(directions))]
         # glibc hands a frame's memory back to the system at every free, to fault it in again, until it has seen a block
         # freed that is larger than all of it.
         torch.empty(2**25 - 2**20, dtype=torch.uint8)
@@ -213,7 +216,6 @@ class InferenceGraph:
 
     def _refine(self, left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
         """[1, 1, h, w] at the finest features' resolution to [h, w]."""
-        n = len(self.config.spn_directions)
         height, width = disparity.shape[2:]
 
         def small(image: Tensor) -> Tensor:
@@ -223,11 +225,12 @@ class InferenceGraph:
         guide = small(left)
         if self.config.spn_mismatch:
             guide = mismatch_guide(guide, small(right), disparity / self.config.finest)
-        gates = _run(self._guidance, guide).view(n, 3, -1, height, width)
+        guide = _run(self._guidance, guide)
         x = self._expand(disparity)
         scans = []
-        for i, direction in enumerate(self.config.spn_directions):
-            scans.append(_ops.normalised_propagation.default(x, gates[i : i + 1], direction))
+        for layer, direction in zip(self._gates, self.config.spn_directions, strict=True):
+            gates = layer(guide).view(1, 3, -1, height, width)
+            scans.append(_ops.normalised_propagation.default(x, gates, direction))
             if self.config.spn_combine == "chain":
                 x = scans[-1]
         if len(scans) > 1 and self.config.spn_combine != "chain":
