@@ -1,0 +1,51 @@
+"""Times the packaged weights, stage by stage, beside OpenCV's SGBM.
+
+python benchmarks/weights.py [--threads 2] [--rounds 15]
+
+One rendered street of 1232x368, images in bytes to full-size disparity. All take turns, so that a machine whose speed
+drifts is the same for all; ratios are medians over the turns.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+from collections.abc import Callable, Iterable
+
+import cv2
+from rich.console import Console
+from rich.table import Table
+
+from anynet import Predictor
+from anynet.evaluation.opencv import bm, sgbm
+from anynet.predictor import Estimate
+from anynet.render import render
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--rounds", type=int, default=15)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(arguments.threads)
+    pair = render(0, 368, 1232, preset="street")
+    methods: dict[str, Callable[..., Iterable[Estimate]]] = {"OpenCV SGBM": sgbm, "OpenCV BM": bm}
+    for weights in ("default", "large", "kitti"):
+        for scale in (1, 2):
+            methods[f"{weights}, input_scale={scale}"] = Predictor(weights, arguments.threads, scale).stages
+    times: dict[str, list[list[float]]] = {name: [] for name in methods}
+    for _ in range(arguments.rounds + 1):
+        for name, method in methods.items():
+            times[name].append([estimate.elapsed_ms for estimate in method(pair.left, pair.right)])
+    table = Table("", "ms, by stage", "over SGBM's", title=f"{arguments.threads} thread(s)")
+    reference = [stages[-1] for stages in times["OpenCV SGBM"][1:]]
+    for name, turns in times.items():
+        stages = list(zip(*turns[1:], strict=True))  # the first turn pays for the memory
+        ratios = [statistics.median(t / r for t, r in zip(stage, reference, strict=True)) for stage in stages]
+        milliseconds = " ".join(f"{statistics.median(stage):.0f}" for stage in stages)
+        table.add_row(name, milliseconds, " ".join(f"{ratio:.2f}" for ratio in ratios))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()
