@@ -13,6 +13,7 @@ import statistics
 from collections.abc import Callable, Iterable
 
 import cv2
+from measure import median_ratio
 from rich.console import Console
 from rich.table import Table
 
@@ -41,7 +42,7 @@ def main() -> None:
     reference = [stages[-1] for stages in times["OpenCV SGBM"][1:]]
     for name, turns in times.items():
         stages = list(zip(*turns[1:], strict=True))  # the first turn pays for the memory
-        ratios = [statistics.median(t / r for t, r in zip(stage, reference, strict=True)) for stage in stages]
+        ratios = [median_ratio(stage, reference) for stage in stages]
         milliseconds = " ".join(f"{statistics.median(stage):.0f}" for stage in stages)
         table.add_row(name, milliseconds, " ".join(f"{ratio:.2f}" for ratio in ratios))
     Console().print(table)

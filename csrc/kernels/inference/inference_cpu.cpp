@@ -24,8 +24,8 @@ struct Position {
 
 /// Pixels as areas: element i of an axis that is `ratio` times longer.
 template <class T>
-Position<T> area_position(int64_t i, int64_t ratio, int64_t size) {
-  return {(static_cast<T>(i) + T(0.5)) / static_cast<T>(ratio) - T(0.5), size};
+Position<T> area_position(int64_t i, T ratio, int64_t size) {
+  return {(static_cast<T>(i) + T(0.5)) / ratio - T(0.5), size};
 }
 
 /// The line between two rows of a map, and one more element, or a vector more: the last one again.
@@ -80,12 +80,6 @@ Position<T> point_position(int64_t i, int64_t out_size, int64_t size) {
   return {out_size > 1 ? static_cast<T>(i * (size - 1)) / static_cast<T>(out_size - 1) : T(0), size};
 }
 
-/// Pixels as areas: element i of an axis of `out_size`.
-template <class T>
-Position<T> area_position_in(int64_t i, int64_t out_size, int64_t size) {
-  return {(static_cast<T>(i) + T(0.5)) * static_cast<T>(size) / static_cast<T>(out_size) - T(0.5), size};
-}
-
 /// The columns that a row is enlarged to, and a row between two rows of the source.
 template <class T>
 class Enlarger {
@@ -138,8 +132,8 @@ void upsample_sum(const UpsampleSum<T>& a, int threads) {
       fill_zero<T>(sum, margin + a.out_width + lanes<T>);
       for (int i = 0; i < a.count; ++i) {
         const int64_t half = a.ratio[i] / 2;
-        blend_rows<T>(a.map[i], a.width[i], a.height[i], area_position<T>(y, a.ratio[i], a.height[i]), 2 * lanes<T>,
-                      line);
+        blend_rows<T>(a.map[i], a.width[i], a.height[i], area_position<T>(y, static_cast<T>(a.ratio[i]), a.height[i]),
+                      2 * lanes<T>, line);
         for (int64_t x = 0; x < std::min(half, a.out_width); ++x) sum[x] += line[0];
         add_enlarged<T>(line, a.ratio[i], a.out_width - half, sum + half);
       }
@@ -179,13 +173,15 @@ void upsample_add(const UpsampleAdd<T>& a, int threads) {
   const int64_t plane = a.coarse_height * a.coarse_width;
   threads = useful_threads(a.batch * a.channels * a.depth * a.height * a.width * 4, threads);
   parallel_ranges(a.batch * a.channels * a.depth * a.height, threads, [&](int64_t begin, int64_t end) {
-    Enlarger<T> enlarger(a.width, a.coarse_width,
-                         [&](int64_t x) { return area_position_in<T>(x, a.width, a.coarse_width); });
+    const auto position = [](int64_t i, int64_t size, int64_t coarse) {
+      return area_position<T>(i, static_cast<T>(size) / static_cast<T>(coarse), coarse);
+    };
+    Enlarger<T> enlarger(a.width, a.coarse_width, [&](int64_t x) { return position(x, a.width, a.coarse_width); });
     const Scratch<T> near(a.coarse_width + 1), far(a.coarse_width + 1);
     for (int64_t i = begin; i < end; ++i) {
       const int64_t volume = i / a.height / a.depth;
-      const Position<T> z = area_position_in<T>(i / a.height % a.depth, a.depth, a.coarse_depth);
-      const Position<T> y = area_position_in<T>(i % a.height, a.height, a.coarse_height);
+      const Position<T> z = position(i / a.height % a.depth, a.depth, a.coarse_depth);
+      const Position<T> y = position(i % a.height, a.height, a.coarse_height);
       const T* coarse = a.coarse + (volume * a.coarse_depth + z.low) * plane;
       blend_rows<T>(coarse, a.coarse_width, a.coarse_height, y, 1, near);
       blend_rows<T>(z.low + 1 < a.coarse_depth ? coarse + plane : coarse, a.coarse_width, a.coarse_height, y, 1, far);
