@@ -137,6 +137,7 @@ def _affine_relu(x: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
 def stem(
     left: Tensor,
     right: Tensor,
+    detail: Tensor | None,
     mean: Tensor,
     weight_first: Tensor,
     bias_first: Tensor,
@@ -147,8 +148,10 @@ def stem(
     enlargement: int = 1,
     multiple: int = 4,
 ) -> Tensor:
-    """relu(scale * max_pool(conv(relu(conv(enlarged images - mean)))) + shift)"""
+    """relu(scale * max_pool(conv(relu(conv(enlarged images + detail - mean)))) + shift)"""
     x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
+    if detail is not None:
+        x = x + detail[:, None]
     x = F.interpolate(x, scale_factor=enlargement, mode="bilinear")
     x = F.pad(x, (0, -x.shape[3] % multiple, 0, -x.shape[2] % multiple), mode="replicate")
     x = F.relu(F.conv2d(x, weight_first, bias_first, padding=1))
@@ -187,9 +190,21 @@ def normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tens
     return spatial_propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
 
 
-def small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
-    """(bilinear(image / factor) - mean) / std, cut to height x width"""
+def local_detail(left: Tensor, right: Tensor, *, window: int, contrast: float) -> Tensor:
+    """max(0, (contrast / sqrt(variance in the window + 1))^(3/4) - 1) * (grey image - its mean in the window)"""
+    grey = torch.stack([left, right]).double().mean(3)
+    mean, of_squares = (F.avg_pool2d(x, window, 1, window // 2, count_include_pad=False) for x in (grey, grey**2))
+    gain = (contrast / (of_squares - mean**2 + 1).sqrt()) ** 0.75
+    return ((gain - 1).clamp(min=0) * (grey - mean)).float()
+
+
+def small_image(
+    image: Tensor, detail: Tensor | None, mean: Tensor, std: Tensor, factor: int, height: int, width: int
+) -> Tensor:
+    """(bilinear((image + detail) / factor) - mean) / std, cut to height x width"""
     images = image.permute(2, 0, 1)[None].float()
+    if detail is not None:
+        images = images + detail
     rows, columns = max(0, factor * height - image.shape[0]), max(0, factor * width - image.shape[1])
     images = F.pad(images, (0, columns, 0, rows), mode="replicate")[..., : factor * height, : factor * width]
     small = F.interpolate(images, scale_factor=1 / factor, mode="bilinear")

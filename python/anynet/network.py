@@ -128,7 +128,7 @@ class Refinement(nn.Module):
         c = config.spn_channels
         self.directions = config.spn_directions
         self.combine = config.spn_combine
-        inputs = 7 if config.spn_mismatch else 3
+        inputs = 8 if config.spn_mismatch else 3
         self.guidance = nn.ModuleList(
             Convolution(i, o) for i, o in pairwise([inputs, 2 * c, 2 * c, 2 * c, 3 * c * len(self.directions)])
         )
@@ -141,7 +141,7 @@ class Refinement(nn.Module):
                 layer.weight[:, :, 1, 1] += gain
 
     def gates(self, guide: Tensor) -> Tensor:
-        """[N,3 or 7,H,W] -> [N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
+        """[N,3 or 8,H,W] -> [N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
         for i, layer in enumerate(self.guidance):
             guide = layer(guide, relu_in=i > 0)
         n, _, h, w = guide.shape
@@ -163,9 +163,61 @@ class Refinement(nn.Module):
         return out
 
 
-def mismatch_guide(left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
-    """[N, 7, H, W]: the left image, how the right one warped by the disparity differs from it, and the disparity."""
-    return torch.cat([left, warp(right, disparity) - left, disparity / 16], 1)
+def hidden(disparity: Tensor) -> tuple[Tensor, Tensor]:
+    """How much of each left pixel the right camera does not see, by the estimate [N, 1, H, W] itself, in its pixels.
+
+    Returns two maps of its shape, 0 to 1: what lies beyond the right image's left border, and what lies behind
+    something nearer, that is, which lands left of what is further left.
+    """
+    lands = torch.arange(disparity.shape[-1], dtype=disparity.dtype, device=disparity.device) - disparity
+    leftmost = lands.flip(-1).cummin(-1).values.flip(-1)
+    return (-lands).clamp(0, 1), (lands - leftmost - 0.5).clamp(0, 1)
+
+
+def without_hidden(disparity: Tensor, outside: Tensor, behind: Tensor) -> Tensor:
+    """What is hidden takes the disparity of the background beside it: outside on the right, behind on the left."""
+    for mask, direction in ((outside, 1), (behind * (1 - outside), 0)):
+        neighbours = F.pad(mask[:, None], (0, 0, 0, 0, 0, 0, 1, 1))  # only the one in the same row
+        disparity = spatial_propagation(disparity, neighbours, direction)
+    return disparity
+
+
+def mismatch_guide(left: Tensor, right: Tensor, disparity: Tensor) -> tuple[Tensor, Tensor]:
+    """The guide [N, 8, H, W] and the disparity with what is hidden filled, in the pixels of the images given.
+
+    The guide: the left image, how the right one warped by the disparity differs from it, the disparity, and what is
+    hidden.
+    """
+    with torch.no_grad():
+        outside, behind = hidden(disparity)
+    disparity = without_hidden(disparity, outside, behind)
+    known = disparity.detach()
+    return torch.cat([left, warp(right, known) - left, known / 16, torch.maximum(outside, behind)], 1), disparity
+
+
+CONTRAST = 20.0  # standard deviation in the images' units, 0..255, that local contrast is raised towards
+WINDOW = 21  # pixels
+
+
+def local_detail(images: Tensor) -> Tensor:
+    """[N, 1, H, W]: what raises weak local contrast when added to all channels; images in 0..255, [N, 3, H, W].
+
+    It is the grey image's difference from its mean in a window, (20 / s)^(3/4) - 1 times, where its standard deviation
+    s there (at least 1) is less than 20. Bare surfaces have a texture too, of a hundredth of the usual strength.
+    """
+    grey = images.mean(1, keepdim=True).double()
+    over_rows, over_columns = (_window_means(size, grey) for size in grey.shape[2:])
+    mean, of_squares = (over_rows @ x @ over_columns.T for x in (grey, grey**2))
+    spread = ((of_squares - mean**2).clamp(min=0) + 1).rsqrt() * CONTRAST
+    gain = (spread * spread.sqrt()).sqrt()
+    return ((gain - 1).clamp(min=0) * (grey - mean)).to(images.dtype)
+
+
+def _window_means(size: int, like: Tensor) -> Tensor:
+    """The matrix [size, size] that takes the mean of what a window around each element holds."""
+    i = torch.arange(size, device=like.device)
+    inside = ((i[:, None] - i).abs() <= WINDOW // 2).to(like.dtype)
+    return inside / inside.sum(1, keepdim=True)
 
 
 class AnyNet(nn.Module):
@@ -205,13 +257,22 @@ class AnyNet(nn.Module):
         height, width = left.shape[2:]
         # Padding at the right and the bottom moves no pixel, and the left-to-right scan meets it last.
         padding = (0, -width % self.config.stride, 0, -height % self.config.stride)
-        left, right = (F.pad(image, padding, mode="replicate") if any(padding) else image for image in (left, right))
-        for estimate in self._padded_stages(left, right):
+        images = self._raised(torch.cat([left, right]))
+        if any(padding):
+            images = F.pad(images, padding, mode="replicate")
+        for estimate in self._padded_stages(images):
             yield estimate[..., :height, :width]
 
-    def _padded_stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
+    def _raised(self, images: Tensor) -> Tensor:
+        """With their local contrast raised, if the configuration says so."""
+        if not self.config.local_contrast:
+            return images
+        mean, std = (255 * images.new_tensor(values)[:, None, None] for values in (MEAN, STD))
+        return images + local_detail(images * std + mean) / std
+
+    def _padded_stages(self, images: Tensor) -> Iterator[Tensor]:
+        left, right = images.chunk(2)
         height, width = left.shape[2:]
-        images = torch.cat([left, right])
         if self.config.input_scale > 1:
             images = resize(images, (height * self.config.input_scale, width * self.config.input_scale))
         groups = self.config.groups
@@ -237,5 +298,6 @@ class AnyNet(nn.Module):
         finest = (height // self.config.finest, width // self.config.finest)
         guide, estimate = resize(left, finest), resize(estimate, finest)
         if self.config.spn_mismatch:
-            guide = mismatch_guide(guide, resize(right, finest), estimate.detach() / self.config.finest)
+            guide, filled = mismatch_guide(guide, resize(right, finest), estimate / self.config.finest)
+            estimate = filled * self.config.finest
         yield resize(self.refinement(guide, estimate), (height, width))

@@ -32,6 +32,7 @@ def wild_large_model() -> AnyNet:
     return wild(
         AnyNetConfig(
             input_scale=2,
+            local_contrast=True,
             channels=4,
             blocks=3,
             groups=4,

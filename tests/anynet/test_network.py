@@ -9,7 +9,21 @@ from torch import nn
 
 from anynet import AnyNet, AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet.network import Convolution, Hourglass, Refinement, cost_net, mismatch_guide
+from anynet.network import (
+    CONTRAST,
+    MEAN,
+    STD,
+    WINDOW,
+    Convolution,
+    Hourglass,
+    Refinement,
+    cost_net,
+    hidden,
+    local_detail,
+    mismatch_guide,
+    without_hidden,
+)
+from anynet_ext import reference
 
 
 @pytest.fixture
@@ -168,13 +182,92 @@ def test_the_guide_shows_where_the_images_do_not_match() -> None:
     left = torch.roll(right, 5, dims=3)
     disparity = torch.full((1, 1, 12, 40), 5.0)
     disparity[..., 6:, :] = 3
-    guide = mismatch_guide(left, right, disparity)
-    assert guide.shape == (1, 7, 12, 40)
+    guide, filled = mismatch_guide(left, right, disparity)
+    assert torch.equal(filled, disparity)  # the border takes what is beside it: the same
+    assert guide.shape == (1, 8, 12, 40)
     assert torch.equal(guide[:, :3], left)
     assert (guide[:, 3:6, :6, 5:] == 0).all()
     assert (guide[:, 3:6, :6, :5] == -left[..., :6, :5]).all()  # the right camera does not see these
     assert (guide[:, 3:6, 6:, 5:].abs() > 1e-3).float().mean() > 0.99
-    assert torch.equal(guide[:, 6:], disparity / 16)
+    assert torch.equal(guide[:, 6:7], disparity / 16)
+    assert (guide[:, 7:, :6, :5] == 1).all()
+    assert (guide[:, 7:, :6, 5:] == 0).all()
+
+
+def scene() -> tuple[torch.Tensor, torch.Tensor]:
+    """A wall at disparity 4, before it a post at 10 in columns 20 to 25; and what the right camera sees of it."""
+    disparity = torch.full((1, 1, 3, 40), 4.0)
+    disparity[..., 20:26] = 10
+    seen = torch.ones_like(disparity, dtype=torch.bool)
+    seen[..., :4] = False  # beyond the border
+    seen[..., 14:20] = False  # the post lands on columns 10 to 15, where the wall's 14 to 19 do
+    return disparity, seen
+
+
+def test_the_estimate_itself_says_what_is_hidden() -> None:
+    disparity, seen = scene()
+    outside, behind = hidden(disparity)
+    assert torch.equal(outside, (torch.arange(40) < 4).float().expand_as(outside))
+    assert (torch.maximum(outside, behind)[seen] == 0).all()
+    half = torch.maximum(outside, behind)[..., 15]  # masks rise over two pixels, so that rounding cannot make them jump
+    assert (half == 0.5).all()
+    columns = torch.arange(40)
+    assert torch.equal(behind > 0, ((columns > 14) & (columns < 20)).expand_as(seen))
+
+
+def test_what_is_hidden_takes_the_background() -> None:
+    """Whatever the estimate says there, as long as it leaves them hidden."""
+    truth, _ = scene()
+    wrong = truth.clone()
+    wrong[..., 17:20] = 5
+    wrong[..., :4] = 9
+    torch.testing.assert_close(without_hidden(wrong, *hidden(wrong)), truth)
+
+
+def test_filling_what_is_hidden_passes_the_gradient_to_the_background() -> None:
+    disparity, _ = scene()
+    disparity.requires_grad_()
+    _, filled = mismatch_guide(*pair(3, 40), disparity)
+    filled[..., 16].sum().backward()
+    assert disparity.grad is not None
+    assert (disparity.grad[..., 14:16] == 0.5).all()
+    assert disparity.grad.sum() == 3  # of three rows
+
+
+def test_hidden_pixels_vary_smoothly_with_the_estimate() -> None:
+    """So that rounding, and training, do not make masks jump."""
+    disparity, _ = scene()
+    step = torch.randn(disparity.shape, generator=torch.Generator().manual_seed(0)) * 1e-4
+    for before, after in zip(hidden(disparity), hidden(disparity + step), strict=True):
+        assert (after - before).abs().max() < 1e-3
+
+
+def test_local_detail_is_the_operators() -> None:
+    images = torch.randint(0, 256, (2, 3, 45, 70), generator=torch.Generator().manual_seed(0), dtype=torch.uint8)
+    images[1] = images[1] % 3 + 120
+    expected = reference.local_detail(*images.permute(0, 2, 3, 1), window=WINDOW, contrast=CONTRAST)
+    torch.testing.assert_close(local_detail(images.float())[:, 0], expected, rtol=1e-4, atol=1e-3)
+
+
+def test_local_detail_raises_bare_surfaces_and_leaves_the_rest() -> None:
+    texture = torch.randn(1, 1, 60, 60, generator=torch.Generator().manual_seed(0)).expand(1, 3, 60, 60)
+    for deviation, at_least, at_most in ((1.0, 4, 10), (5.0, 10, 18), (40.0, 40, 40)):
+        images = 128 + deviation * texture
+        raised = images + local_detail(images)
+        assert at_least - 0.5 <= raised[0, 0].std() / texture[0, 0].std() <= at_most + 0.5
+    even = torch.full((1, 3, 30, 30), 77.0)
+    assert local_detail(even).abs().max() < 1e-9
+
+
+def test_a_network_sees_raised_contrast(wild_model: AnyNet) -> None:
+    raising = AnyNet(replace(wild_model.config, local_contrast=True)).eval()
+    raising.load_state_dict(wild_model.state_dict())
+    left, right = pair(45, 70)
+    mean, std = (255 * torch.tensor(values)[:, None, None] for values in (MEAN, STD))
+    raised = [image + local_detail(image * std + mean) / std for image in (left, right)]
+    with torch.no_grad():
+        for one, two in zip(raising(left, right), wild_model(*raised), strict=True):
+            torch.testing.assert_close(one, two, rtol=1e-4, atol=1e-3)
 
 
 def test_chained_scans_take_each_others_results() -> None:

@@ -33,15 +33,17 @@ def check(name: str, *args: object, rtol: float | None = 1e-4, atol: float | Non
     assert_close(getattr(inference, name)(*args, **options), expected, rtol=rtol, atol=atol)
 
 
+@pytest.mark.parametrize("detailed", [False, True])
 @pytest.mark.parametrize("enlargement", [1, 2])
 @pytest.mark.parametrize("multiple", [4, 16])
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (4, 4), (5, 7), (32, 64), (37, 130), (64, 273)])
-def test_stem(height: int, width: int, channels: int, multiple: int, enlargement: int) -> None:
+def test_stem(height: int, width: int, channels: int, multiple: int, enlargement: int, detailed: bool) -> None:
     images = image(height, width), image(height, width, seed=1)
+    detail = 20 * random(2, height, width) if detailed else None
     first = 100 + random(3), random(channels, 3, 3, 3) / 100, random(channels)
     second = random(channels, channels, 3, 3), random(channels), random(channels)
-    check("stem", *images, *first, *second, enlargement=enlargement, multiple=multiple)
+    check("stem", *images, detail, *first, *second, enlargement=enlargement, multiple=multiple)
 
 
 @pytest.mark.parametrize("crop", [0, 3])
@@ -77,11 +79,22 @@ def test_normalised_propagation(shape: tuple[int, ...], direction: int) -> None:
     check("normalised_propagation", random(*shape), gates, direction, rtol=None, atol=None)
 
 
+@pytest.mark.parametrize("window", [1, 3, 21, 59])
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 30), (37, 5), (61, 130)])
+def test_local_detail(height: int, width: int, window: int) -> None:
+    left, right = image(height, width), image(height, width, seed=1)
+    right = right % 3 + 200  # bare
+    left[: height // 2] = 255  # saturated, and its border
+    check("local_detail", left, right, window=window, contrast=20.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("detailed", [False, True])
 @pytest.mark.parametrize("factor", [2, 4])
 @pytest.mark.parametrize(("height", "width"), [(4, 4), (16, 20), (1, 1), (37, 61)])
-def test_small_image(height: int, width: int, factor: int) -> None:
+def test_small_image(height: int, width: int, factor: int, detailed: bool) -> None:
     size = -(-height // factor), -(-width // factor)
-    check("small_image", image(height, width), random(3), random(3).abs() + 1, factor, *size)
+    detail = 20 * random(height, width) if detailed else None
+    check("small_image", image(height, width), detail, random(3), random(3).abs() + 1, factor, *size)
 
 
 def test_operators_are_good_citizens() -> None:
@@ -92,6 +105,7 @@ def test_operators_are_good_citizens() -> None:
             (
                 image(8, 8),
                 image(8, 8),
+                random(2, 8, 8),
                 random(3),
                 random(2, 3, 3, 3),
                 random(2),
@@ -107,7 +121,8 @@ def test_operators_are_good_citizens() -> None:
         (ops.upsample_add, (random(1, 2, 2, 4, 4), random(1, 2, 1, 2, 2), random(2), random(2))),
         (ops.max_pool, (random(1, 2, 4, 4), random(2), random(2))),
         (ops.normalised_propagation, (random(1, 2, 4, 4), random(1, 3, 2, 4, 4), 2)),
-        (ops.small_image, (image(8, 8), random(3), random(3), 4, 2, 2)),
+        (ops.local_detail, (image(8, 8), image(8, 8), 3, 20.0)),
+        (ops.small_image, (image(8, 8), None, random(3), random(3), 4, 2, 2)),
     ):
         torch.library.opcheck(op.default, args)
 
@@ -118,7 +133,7 @@ def test_no_gradients() -> None:
 
 
 def test_errors() -> None:
-    weights = random(3), random(2, 3, 3, 3), random(2), random(2, 2, 3, 3), random(2), random(2)
+    weights = None, random(3), random(2, 3, 3, 3), random(2), random(2, 2, 3, 3), random(2), random(2)
     with pytest.raises(RuntimeError, match=r"images of one size, got \[8, 8, 3\] and \[8, 9, 3\]"):
         inference.stem(image(8, 8), image(8, 9), *weights)
     with pytest.raises(RuntimeError, match=r"contiguous uint8 image of shape \[H, W, 3\], got \[8, 8\]"):
@@ -128,7 +143,16 @@ def test_errors() -> None:
     with pytest.raises(RuntimeError, match="multiple of 4, got 6"):
         inference.stem(image(8, 8), image(8, 8), *weights, multiple=6)
     with pytest.raises(RuntimeError, match=r"weight_second of shape \[2, 2, 3, 3\], got \[1, 1, 3, 3\]"):
-        inference.stem(image(8, 8), image(8, 8), *weights[:3], random(1, 1, 3, 3), *weights[4:])
+        inference.stem(image(8, 8), image(8, 8), *weights[:4], random(1, 1, 3, 3), *weights[5:])
+    with pytest.raises(RuntimeError, match=r"stem: expected detail of shape \[2, 8, 8\], got \[2, 8, 9\]"):
+        inference.stem(image(8, 8), image(8, 8), random(2, 8, 9), *weights[1:])
+    with pytest.raises(RuntimeError, match=r"images of one size, got \[8, 8, 3\] and \[8, 9, 3\]"):
+        inference.local_detail(image(8, 8), image(8, 9), window=3, contrast=20.0)
+    for window in (0, 2, 61):
+        with pytest.raises(RuntimeError, match=f"odd window of at most 59 pixels, got {window}"):
+            inference.local_detail(image(8, 8), image(8, 8), window=window, contrast=20.0)
+    with pytest.raises(RuntimeError, match="contrast above 0, got 0"):
+        inference.local_detail(image(8, 8), image(8, 8), window=3, contrast=0.0)
     with pytest.raises(RuntimeError, match=r"maps that cover 9 x 8, got \[2, 2\] times 4"):
         inference.upsample_sum([random(2, 2)], [4], 9, 8)
     with pytest.raises(RuntimeError, match="power of two, got 3"):
@@ -148,6 +172,6 @@ def test_errors() -> None:
     with pytest.raises(RuntimeError, match="contiguous float32"):
         inference.normalised_propagation(random(1, 1, 2, 2).double(), random(1, 3, 1, 2, 2).double(), 0)
     with pytest.raises(RuntimeError, match="at least one pixel"):
-        inference.small_image(image(8, 8), random(3), random(3), 4, 0, 2)
+        inference.small_image(image(8, 8), None, random(3), random(3), 4, 0, 2)
     with pytest.raises(RuntimeError, match="factor 2 or 4, got 3"):
-        inference.small_image(image(8, 8), random(3), random(3), 3, 2, 2)
+        inference.small_image(image(8, 8), None, random(3), random(3), 3, 2, 2)
