@@ -26,10 +26,10 @@ def stem(
 ) -> Tensor:
     """AnyNet's first layers on images in bytes, in one pass without intermediate tensors.
 
-    Both images, plus `detail` in all channels and less `mean`, go through a 3x3 convolution, ReLU, a 3x3 convolution with stride 2, 2x2 max pooling, a
-    per-channel affine, and ReLU. Before that they are enlarged (bilinear, align_corners=False) and extended at the
-    right and the bottom by repeating their last column and row, to sizes that `multiple` divides; the convolutions'
-    own padding is zeros.
+    Both images, plus `detail` in all channels and less `mean`, go through a 3x3 convolution, ReLU, a 3x3 convolution
+    with stride 2, 2x2 max pooling, a per-channel affine, and ReLU. Before that they are enlarged (bilinear,
+    align_corners=False) and extended at the right and the bottom by repeating their last column and row, to sizes that
+    `multiple` divides; the convolutions' own padding is zeros.
 
     Args:
         left, right: [H, W, 3] uint8, contiguous.
@@ -158,7 +158,9 @@ def normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tens
 def small_image(
     image: Tensor, detail: Tensor | None, mean: Tensor, std: Tensor, factor: int, height: int, width: int
 ) -> Tensor:
-    """An image in bytes, plus `detail` in all channels, made `factor` times smaller, bilinear (align_corners=False), less `mean`, over `std`.
+    """An image in bytes, plus `detail` in all channels, made `factor` times smaller, less `mean`, over `std`.
+
+    Bilinear, with align_corners=False.
 
     Args:
         image: [H, W, 3] uint8, contiguous; extended by its last row and column if factor * height or factor * width is

@@ -54,7 +54,7 @@ def evaluate(
     from anynet import Predictor
     from anynet.data import open_dataset
     from anynet.evaluation import opencv, report
-    from anynet.evaluation.evaluate import Method, evaluate
+    from anynet.evaluation.evaluate import Method, compare
     from anynet.io import write_image
     from anynet.io.files import make_folder, write_atomically
 
@@ -73,18 +73,25 @@ def evaluate(
             f"got {len(regions)}, {len(methods)}, {len(data)}"
         )
     named = list(zip(data, datasets, strict=True))
-    pairs = list(zip(methods, named, strict=True)) if splits else [(m, d) for d in named for m in methods]
+    # What takes turns, and on what data.
+    rounds = (
+        [(dict([m]), d) for m, d in zip(methods, named, strict=True)] if splits else [(dict(methods), d) for d in named]
+    )
     progress = Console(stderr=True)
     results: report.Results = {}
-    for number, ((name, run), (spec, samples)) in enumerate(pairs):
-        for _ in run(samples[0].left, samples[0].right):
-            pass  # a first time, which pays for the memory
-        for chosen in regions:
-            with progress.status(f"{name} on {spec}, {chosen}"):
-                results[name, spec, chosen] = evaluate(run, samples, chosen)
+    figures = 0
+    for runs, (spec, samples) in rounds:
+        with progress.status(f"{', '.join(runs)} on {spec}"):
+            for run in runs.values():
+                for _ in run(samples[0].left, samples[0].right):
+                    pass  # a first time, which pays for the memory
+            for (name, region), evaluation in compare(runs, samples, regions).items():
+                results[name, spec, region] = evaluation
         if out is not None:
             make_folder(out)
-            write_image(out / f"{number}.png", report.figure(run, samples[0]))
+            for run in runs.values():
+                write_image(out / f"{figures}.png", report.figure(run, samples[0]))
+                figures += 1
     text = report.splits_markdown(list(results.values())) if splits else report.markdown(results)
     if out is not None:
         write_atomically(out / "results.md", text.encode())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,19 +82,41 @@ def evaluate(method: Method, samples: Sequence[StereoSample], region: str = "all
     Raises:
         AnyNetError: if there are no samples, or a sample does not tell `region`.
     """
+    (evaluation,) = compare({"": method}, samples, [region]).values()
+    return evaluation
+
+
+def compare(
+    methods: Mapping[str, Method], samples: Sequence[StereoSample], regions: Sequence[str] = ("all",)
+) -> dict[tuple[str, str], Evaluation]:
+    """Scores all `methods` in all `regions`, by name and region.
+
+    The methods take turns, image by image, so that their times can be compared on a machine whose speed drifts.
+
+    Raises:
+        AnyNetError: if there are no samples, or a sample does not tell a region.
+    """
     if not len(samples):
         raise AnyNetError("no pairs to evaluate on")
     names: list[str] = []
-    by_stage: dict[int, list[tuple[Scores, float, int]]] = {}
+    by_stage: dict[tuple[str, str], dict[int, list[tuple[Scores, float, int]]]] = {
+        (name, region): {} for name in methods for region in regions
+    }
     for sample in samples:
-        mask = region_mask(sample, region)
+        masks = {region: region_mask(sample, region) for region in regions}
         names.append(sample.name)
-        # All first: scoring in between would be part of the later stages' times.
-        for estimate in list(method(sample.left, sample.right)):
-            given = int(np.isfinite(estimate.disparity[mask]).sum())
-            score = scores(filled(estimate.disparity), sample.disparity, mask)
-            by_stage.setdefault(estimate.stage, []).append((score, estimate.elapsed_ms, given))
-    return Evaluation(tuple(names), tuple(_stage(number, results) for number, results in sorted(by_stage.items())))
+        for name, method in methods.items():
+            # All first: scoring in between would be part of the later stages' times.
+            for estimate in list(method(sample.left, sample.right)):
+                whole = filled(estimate.disparity)
+                for region, mask in masks.items():
+                    given = int(np.isfinite(estimate.disparity[mask]).sum())
+                    result = scores(whole, sample.disparity, mask), estimate.elapsed_ms, given
+                    by_stage[name, region].setdefault(estimate.stage, []).append(result)
+    return {
+        key: Evaluation(tuple(names), tuple(_stage(number, results) for number, results in sorted(stages.items())))
+        for key, stages in by_stage.items()
+    }
 
 
 def _stage(number: int, results: list[tuple[Scores, float, int]]) -> Stage:

@@ -13,7 +13,7 @@ from anynet.cli import main
 from anynet.data import StereoSample, open_dataset
 from anynet.errors import AnyNetError
 from anynet.evaluation import opencv, report
-from anynet.evaluation.evaluate import Evaluation, Stage, evaluate, filled, region_mask
+from anynet.evaluation.evaluate import Evaluation, Stage, compare, evaluate, filled, region_mask
 from anynet.evaluation.metrics import Scores
 from anynet.evaluation.splits import write_splits
 from anynet.predictor import Estimate
@@ -58,6 +58,26 @@ def test_every_stage_is_scored_over_all_pairs():
     assert [image.epe for image in second.images] == [2.5, 5.0]  # 20 was filled with 10
     with pytest.raises(AnyNetError, match="no pairs"):
         evaluate(method, [])
+
+
+def test_methods_take_turns_and_run_once_for_all_regions():
+    foreground = np.array([[True, False]])
+    samples = [_sample([[10, 20]], foreground=foreground), _sample([[30, 40]], foreground=foreground)]
+    turns = []
+
+    def method(name):
+        def run(left, right):
+            turns.append(name)
+            yield Estimate(1, np.float32([[10, 20]]), 1.0)
+
+        return run
+
+    results = compare({"a": method("a"), "b": method("b")}, samples, ["foreground", "background"])
+    assert turns == ["a", "b", "a", "b"]
+    assert list(results) == [(name, region) for name in "ab" for region in ("foreground", "background")]
+    for (_, region), evaluation in results.items():
+        assert [image.epe for image in evaluation.stages[0].images] == [0, 20], region
+        assert [image.pixels for image in evaluation.stages[0].images] == [1, 1]
 
 
 @pytest.mark.parametrize("method", [opencv.bm, opencv.sgbm])
