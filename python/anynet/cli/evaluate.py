@@ -85,8 +85,8 @@ def evaluate(
             for run in runs.values():
                 for _ in run(samples[0].left, samples[0].right):
                     pass  # a first time, which pays for the memory
-            for (name, region), evaluation in compare(runs, samples, regions).items():
-                results[name, spec, region] = evaluation
+            for (name, where), evaluation in compare(runs, samples, regions).items():
+                results[name, spec, where] = evaluation
         if out is not None:
             make_folder(out)
             for run in runs.values():
