@@ -34,9 +34,10 @@ class AnyNetConfig:
         spn_channels: channels of the spatial propagation.
         spn_directions: its scans: 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top.
         spn_combine: how the scans' results become one; "chain": each scan takes the result of the one before.
+        spn_fill: what the estimate hides from the right camera, behind something nearer or beyond the border, takes
+            the disparity of the background beside it before the propagation; the paper: False.
         spn_mismatch: the propagation is steered not by the left image alone, but also by the disparity, by how the
-            right image, warped by it, differs, and by what the right camera does not see. Such pixels are first given
-            the disparity of the background beside them.
+            right image, warped by it, differs, and by what is hidden from the right camera; the paper: False.
         reversed_residuals: the residual stages test disparity `d - s` where they count it as `d + s`, as the authors'
             released code and weights do.
     """
@@ -54,6 +55,7 @@ class AnyNetConfig:
     spn_channels: int = 8
     spn_directions: tuple[int, ...] = (0,)
     spn_combine: Literal["max", "mean", "chain"] = "max"
+    spn_fill: bool = False
     spn_mismatch: bool = False
     reversed_residuals: bool = False
 

@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.network import CONTRAST, MEAN, STD, WINDOW, AnyNet, Hourglass, PreActivation, mismatch_guide
+from anynet.network import CONTRAST, MEAN, STD, WINDOW, AnyNet, Hourglass, PreActivation, prepared
 
 # The operators themselves: what is passed to them here needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -225,10 +225,7 @@ class InferenceGraph:
             out: Tensor = _ops.small_image.default(image, its_detail, self._mean, self._std, finest, height, width)
             return out
 
-        guide = small(0)
-        if self.config.spn_mismatch:
-            guide, filled = mismatch_guide(guide, small(1), disparity / self.config.finest)
-            disparity = filled * self.config.finest
+        guide, disparity = prepared(self.config, small, disparity)
         guide = _run(self._guidance, guide)
         x = self._expand(disparity)
         scans = []

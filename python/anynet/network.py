@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice, pairwise
 
 import torch
@@ -182,17 +182,25 @@ def without_hidden(disparity: Tensor, outside: Tensor, behind: Tensor) -> Tensor
     return disparity
 
 
-def mismatch_guide(left: Tensor, right: Tensor, disparity: Tensor) -> tuple[Tensor, Tensor]:
-    """The guide [N, 8, H, W] and the disparity with what is hidden filled, in the pixels of the images given.
+def prepared(config: AnyNetConfig, small_image: Callable[[int], Tensor], disparity: Tensor) -> tuple[Tensor, Tensor]:
+    """What the refinement is given, at the finest features' resolution: its guide, and the disparity it begins with.
 
-    The guide: the left image, how the right one warped by the disparity differs from it, the disparity, and what is
-    hidden.
+    Args:
+        small_image: gives the left image (0) and the right one (1), [N, 3, H, W].
+        disparity: [N, 1, H, W], in pixels of the network's input.
     """
+    guide, known = small_image(0), disparity / config.finest
+    if not (config.spn_fill or config.spn_mismatch):
+        return guide, disparity
     with torch.no_grad():
-        outside, behind = hidden(disparity)
-    disparity = without_hidden(disparity, outside, behind)
-    known = disparity.detach()
-    return torch.cat([left, warp(right, known) - left, known / 16, torch.maximum(outside, behind)], 1), disparity
+        outside, behind = hidden(known)
+    if config.spn_fill:
+        known = without_hidden(known, outside, behind)
+    if config.spn_mismatch:
+        warped = known.detach()
+        mismatch = warp(small_image(1), warped) - guide
+        guide = torch.cat([guide, mismatch, warped / 16, torch.maximum(outside, behind)], 1)
+    return guide, known * config.finest
 
 
 CONTRAST = 20.0  # standard deviation in the images' units, 0..255, that local contrast is raised towards
@@ -296,8 +304,5 @@ class AnyNet(nn.Module):
             yield estimate
         assert estimate is not None
         finest = (height // self.config.finest, width // self.config.finest)
-        guide, estimate = resize(left, finest), resize(estimate, finest)
-        if self.config.spn_mismatch:
-            guide, filled = mismatch_guide(guide, resize(right, finest), estimate / self.config.finest)
-            estimate = filled * self.config.finest
+        guide, estimate = prepared(self.config, lambda i: resize((left, right)[i], finest), resize(estimate, finest))
         yield resize(self.refinement(guide, estimate), (height, width))

@@ -41,6 +41,7 @@ def wild_large_model() -> AnyNet:
             ranges=ranges,
             spn_directions=(1, 0),
             spn_combine="chain",
+            spn_fill=True,
             spn_mismatch=True,
         )
     )

@@ -20,7 +20,7 @@ from anynet.network import (
     cost_net,
     hidden,
     local_detail,
-    mismatch_guide,
+    prepared,
     without_hidden,
 )
 from anynet_ext import reference
@@ -182,8 +182,9 @@ def test_the_guide_shows_where_the_images_do_not_match() -> None:
     left = torch.roll(right, 5, dims=3)
     disparity = torch.full((1, 1, 12, 40), 5.0)
     disparity[..., 6:, :] = 3
-    guide, filled = mismatch_guide(left, right, disparity)
-    assert torch.equal(filled, disparity)  # the border takes what is beside it: the same
+    config = AnyNetConfig(spn_mismatch=True)
+    guide, unchanged = prepared(config, lambda i: (left, right)[i], 4 * disparity)
+    assert torch.equal(unchanged, 4 * disparity)
     assert guide.shape == (1, 8, 12, 40)
     assert torch.equal(guide[:, :3], left)
     assert (guide[:, 3:6, :6, 5:] == 0).all()
@@ -227,8 +228,10 @@ def test_what_is_hidden_takes_the_background() -> None:
 def test_filling_what_is_hidden_passes_the_gradient_to_the_background() -> None:
     disparity, _ = scene()
     disparity.requires_grad_()
-    _, filled = mismatch_guide(*pair(3, 40), disparity)
-    filled[..., 16].sum().backward()
+    config = AnyNetConfig(spn_fill=True)
+    guide, filled = prepared(config, lambda i: pair(3, 40)[i], 4 * disparity)
+    assert guide.shape == (1, 3, 3, 40)
+    (filled / 4)[..., 16].sum().backward()
     assert disparity.grad is not None
     assert (disparity.grad[..., 14:16] == 0.5).all()
     assert disparity.grad.sum() == 3  # of three rows

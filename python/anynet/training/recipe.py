@@ -121,6 +121,7 @@ LARGE = AnyNetConfig(
     ranges=((0, 11), (-3, 3), (-2, 2)),
     spn_directions=(1, 0),
     spn_combine="chain",
+    spn_fill=True,
     spn_mismatch=True,
 )
 
