@@ -167,7 +167,7 @@ def hidden(disparity: Tensor) -> tuple[Tensor, Tensor]:
     """How much of each left pixel the right camera does not see, by the estimate [N, 1, H, W] itself, in its pixels.
 
     Returns two maps of its shape, 0 to 1: what lies beyond the right image's left border, and what lies behind
-    something nearer, that is, which lands left of what is further left.
+    something nearer: in the right image, a pixel from further right is left of it.
     """
     lands = torch.arange(disparity.shape[-1], dtype=disparity.dtype, device=disparity.device) - disparity
     leftmost = lands.flip(-1).cummin(-1).values.flip(-1)

@@ -141,7 +141,7 @@ PRESETS: dict[str, Recipe] = {
     "paper-sceneflow": Recipe(epochs=10, rate=5e-4, schedule="constant", augment=False, clip=0.0),
     "paper-kitti": Recipe(epochs=300, rate=5e-4, schedule="step", augment=False, clip=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
-    "default": Recipe(steps=8_000, rate=2e-3, warm_up=100),
+    "default": Recipe(network=AnyNetConfig(spn_fill=True), steps=8_000, rate=2e-3, warm_up=100),
     "large": Recipe(network=LARGE, steps=7_000, batch=4, rate=2e-3, warm_up=100, occluded_weight=0.2),
     "enlarged": ENLARGED,
     "kitti": replace(ENLARGED, steps=700, warm_up=100),
