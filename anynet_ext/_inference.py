@@ -13,7 +13,6 @@ from anynet_ext import _library  # noqa: F401  (loads the operators)
 def stem(
     left: Tensor,
     right: Tensor,
-    detail: Tensor | None,
     mean: Tensor,
     weight_first: Tensor,
     bias_first: Tensor,
@@ -26,14 +25,13 @@ def stem(
 ) -> Tensor:
     """AnyNet's first layers on images in bytes, in one pass without intermediate tensors.
 
-    Both images, plus `detail` in all channels and less `mean`, go through a 3x3 convolution, ReLU, a 3x3 convolution
-    with stride 2, 2x2 max pooling, a per-channel affine, and ReLU. Before that they are enlarged (bilinear,
-    align_corners=False) and extended at the right and the bottom by repeating their last column and row, to sizes that
-    `multiple` divides; the convolutions' own padding is zeros.
+    Both images, less `mean`, go through a 3x3 convolution, ReLU, a 3x3 convolution with stride 2, 2x2 max pooling, a
+    per-channel affine, and ReLU. Before that they are enlarged (bilinear, align_corners=False) and extended at the
+    right and the bottom by repeating their last column and row, to sizes that `multiple` divides; the convolutions'
+    own padding is zeros.
 
     Args:
         left, right: [H, W, 3] uint8, contiguous.
-        detail: [2, H, W] float32, contiguous, for left and right, in the images' units; or None.
         mean: [3] float32, as are all that follow; in the images' units.
         weight_first, bias_first: [C, 3, 3, 3], [C].
         weight_second: [C, C, 3, 3].
@@ -50,29 +48,8 @@ def stem(
     Source: AnyNet paper (arXiv 1810.11408), Table I.
     """
     out: Tensor = torch.ops.anynet.stem(
-        left, right, detail, mean, weight_first, bias_first, weight_second, scale, shift, enlargement, multiple
+        left, right, mean, weight_first, bias_first, weight_second, scale, shift, enlargement, multiple
     )
-    return out
-
-
-def local_detail(left: Tensor, right: Tensor, *, window: int, contrast: float) -> Tensor:
-    """What raises the weak local contrast of images when added to all their channels.
-
-    Of the grey image, the channels' mean, it is what differs from its mean in a window, `(contrast / s)^(3/4) - 1`
-    times, where that is above 0 and s^2 is the variance in the window plus 1.
-
-    Args:
-        left, right: [H, W, 3] uint8, contiguous.
-        window: side in pixels, odd, at most 59; cut off at the image's borders.
-        contrast: standard deviation, in the images' units, towards which it is raised.
-
-    Returns:
-        [2, H, W] float32.
-
-    Raises:
-        RuntimeError: if an argument has the wrong dtype, shape or value.
-    """
-    out: Tensor = torch.ops.anynet.local_detail(left, right, window, contrast)
     return out
 
 
@@ -155,17 +132,32 @@ def normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tens
     return out
 
 
-def small_image(
-    image: Tensor, detail: Tensor | None, mean: Tensor, std: Tensor, factor: int, height: int, width: int
-) -> Tensor:
-    """An image in bytes, plus `detail` in all channels, made `factor` times smaller, less `mean`, over `std`.
+def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
+    """Disparity with what it hides from the right camera filled from the background beside it.
 
-    Bilinear, with align_corners=False.
+    What lies beyond the right image's left border takes the disparity of its right neighbour, what lies behind
+    something nearer, that of its left one, pixel after pixel. Hidden by less than two pixels, it takes a part of it.
+
+    Args:
+        disparity: [N, 1, H, W] float32, contiguous, finite.
+        pixel: how much of its unit one column is.
+
+    Returns:
+        [N, 1, H, W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype, layout or value.
+    """
+    out: Tensor = torch.ops.anynet.fill_hidden(disparity, pixel)
+    return out
+
+
+def small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
+    """An image in bytes made `factor` times smaller, bilinear (align_corners=False), less `mean`, over `std`.
 
     Args:
         image: [H, W, 3] uint8, contiguous; extended by its last row and column if factor * height or factor * width is
             more.
-        detail: [H, W] float32, contiguous, in the image's units; or None.
         mean, std: [3] float32, in the image's units.
         factor: 2 or 4.
 
@@ -175,14 +167,13 @@ def small_image(
     Raises:
         RuntimeError: if an argument has the wrong dtype or shape.
     """
-    out: Tensor = torch.ops.anynet.small_image(image, detail, mean, std, factor, height, width)
+    out: Tensor = torch.ops.anynet.small_image(image, mean, std, factor, height, width)
     return out
 
 
 def _fake_stem(
     left: Tensor,
     right: Tensor,
-    detail: Tensor | None,
     mean: Tensor,
     weight_first: Tensor,
     bias_first: Tensor,
@@ -218,13 +209,11 @@ def _fake_normalised_propagation(input: Tensor, gates: Tensor, direction: int) -
     return torch.empty_like(input, memory_format=torch.contiguous_format)
 
 
-def _fake_local_detail(left: Tensor, right: Tensor, window: int, contrast: float) -> Tensor:
-    return left.new_empty(2, *left.shape[:2], dtype=torch.float32)
+def _fake_fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
+    return torch.empty_like(disparity, memory_format=torch.contiguous_format)
 
 
-def _fake_small_image(
-    image: Tensor, detail: Tensor | None, mean: Tensor, std: Tensor, factor: int, height: int, width: int
-) -> Tensor:
+def _fake_small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
     return mean.new_empty(1, 3, height, width)
 
 
@@ -239,7 +228,7 @@ for _fake in (
     _fake_upsample_add,
     _fake_max_pool,
     _fake_normalised_propagation,
-    _fake_local_detail,
+    _fake_fill_hidden,
     _fake_small_image,
 ):
     _name = "anynet::" + _fake.__name__.removeprefix("_fake_")

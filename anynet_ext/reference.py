@@ -137,7 +137,6 @@ def _affine_relu(x: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
 def stem(
     left: Tensor,
     right: Tensor,
-    detail: Tensor | None,
     mean: Tensor,
     weight_first: Tensor,
     bias_first: Tensor,
@@ -148,10 +147,8 @@ def stem(
     enlargement: int = 1,
     multiple: int = 4,
 ) -> Tensor:
-    """relu(scale * max_pool(conv(relu(conv(enlarged images + detail - mean)))) + shift)"""
+    """relu(scale * max_pool(conv(relu(conv(enlarged images - mean)))) + shift)"""
     x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
-    if detail is not None:
-        x = x + detail[:, None]
     x = F.interpolate(x, scale_factor=enlargement, mode="bilinear")
     x = F.pad(x, (0, -x.shape[3] % multiple, 0, -x.shape[2] % multiple), mode="replicate")
     x = F.relu(F.conv2d(x, weight_first, bias_first, padding=1))
@@ -190,21 +187,20 @@ def normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tens
     return spatial_propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
 
 
-def local_detail(left: Tensor, right: Tensor, *, window: int, contrast: float) -> Tensor:
-    """max(0, (contrast / sqrt(variance in the window + 1))^(3/4) - 1) * (grey image - its mean in the window)"""
-    grey = torch.stack([left, right]).double().mean(3)
-    mean, of_squares = (F.avg_pool2d(x, window, 1, window // 2, count_include_pad=False) for x in (grey, grey**2))
-    gain = (contrast / (of_squares - mean**2 + 1).sqrt()) ** 0.75
-    return ((gain - 1).clamp(min=0) * (grey - mean)).float()
+def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
+    """What lands outside the right image takes its right neighbour's disparity; what lands behind others, its left's"""
+    lands = torch.arange(disparity.shape[-1], device=disparity.device) - disparity / pixel
+    leftmost = lands.flip(-1).cummin(-1).values.flip(-1)
+    outside, behind = (-lands / 2).clamp(0, 1), ((lands - leftmost - 0.5) / 2).clamp(0, 1)
+    for mask, direction in ((outside, 1), (behind * (1 - outside), 0)):
+        gates = F.pad(mask[:, None].detach(), (0, 0, 0, 0, 0, 0, 1, 1))  # only the neighbour in the same row
+        disparity = spatial_propagation(disparity, gates, direction)
+    return disparity
 
 
-def small_image(
-    image: Tensor, detail: Tensor | None, mean: Tensor, std: Tensor, factor: int, height: int, width: int
-) -> Tensor:
-    """(bilinear((image + detail) / factor) - mean) / std, cut to height x width"""
+def small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
+    """(bilinear(image / factor) - mean) / std, cut to height x width"""
     images = image.permute(2, 0, 1)[None].float()
-    if detail is not None:
-        images = images + detail
     rows, columns = max(0, factor * height - image.shape[0]), max(0, factor * width - image.shape[1])
     images = F.pad(images, (0, columns, 0, rows), mode="replicate")[..., : factor * height, : factor * width]
     small = F.interpolate(images, scale_factor=1 / factor, mode="bilinear")

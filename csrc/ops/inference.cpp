@@ -90,24 +90,20 @@ Tensor normalised_propagation(const Tensor& input, const Tensor& gates, int64_t 
   return out;
 }
 
-Tensor local_detail(const Tensor& left, const Tensor& right, int64_t window, double contrast) {
-  check_images("local_detail", left, right);
-  ANYNET_CHECK(window > 0 && window % 2 == 1 && window <= largest_window,
-               "local_detail: expected an odd window of at most ", largest_window, " pixels, got ", window);
-  ANYNET_CHECK(contrast > 0, "local_detail: expected a contrast above 0, got ", contrast);
-  Tensor out = empty_like(left, {2, left.size(0), left.size(1)}, ScalarType::Float);
-  const LocalDetail<float> args{{data<uint8_t>(left), data<uint8_t>(right)},
-                                left.size(0),
-                                left.size(1),
-                                window,
-                                static_cast<float>(contrast),
-                                data<float>(out)};
-  anynet::local_detail(chosen_isa(), args, num_threads());
+Tensor fill_hidden(const Tensor& disparity, double pixel) {
+  check_contiguous("fill_hidden", "disparity", disparity, 4);
+  ANYNET_CHECK(pixel > 0, "fill_hidden: expected a pixel above 0, got ", pixel);
+  Tensor out = contiguous_like(disparity);
+  if (out.numel() == 0) return out;
+  const int64_t width = disparity.size(3);
+  const FillHidden<float> args{disparity.numel() / width, width, data<float>(disparity), static_cast<float>(pixel),
+                               data<float>(out)};
+  anynet::fill_hidden(chosen_isa(), args, num_threads());
   return out;
 }
 
-Tensor small_image(const Tensor& image, const std::optional<Tensor>& detail, const Tensor& mean, const Tensor& std,
-                   int64_t factor, int64_t height, int64_t width) {
+Tensor small_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t factor, int64_t height,
+                   int64_t width) {
   check_image("small_image", image);
   check_contiguous("small_image", "mean", mean, 1);
   check_tensor("small_image", "mean", mean, {3}, mean);
@@ -117,16 +113,8 @@ Tensor small_image(const Tensor& image, const std::optional<Tensor>& detail, con
   ANYNET_CHECK(height > 0 && width > 0, "small_image: expected a size of at least one pixel, got ", height, " x ",
                width);
   Tensor out = empty_like(mean, {1, 3, height, width});
-  const SmallImage<float> args{data<uint8_t>(image),
-                               detail_of("small_image", detail, {image.size(0), image.size(1)}, mean),
-                               image.size(0),
-                               image.size(1),
-                               factor,
-                               height,
-                               width,
-                               data<float>(mean),
-                               data<float>(std),
-                               data<float>(out)};
+  const SmallImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   factor, height, width,
+                               data<float>(mean),    data<float>(std), data<float>(out)};
   anynet::small_image(chosen_isa(), args, num_threads());
   return out;
 }
@@ -138,11 +126,9 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
         {at::Tag::pt2_compliant_tag});
   m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("local_detail(Tensor left, Tensor right, int window, float contrast) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def(
-      "small_image(Tensor image, Tensor? detail, Tensor mean, Tensor std, int factor, SymInt height, SymInt width) -> "
-      "Tensor",
-      {at::Tag::pt2_compliant_tag});
+  m.def("fill_hidden(Tensor disparity, float pixel) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def("small_image(Tensor image, Tensor mean, Tensor std, int factor, SymInt height, SymInt width) -> Tensor",
+        {at::Tag::pt2_compliant_tag});
   m.def("upsample_sum(Tensor[] maps, int[] ratios, float gain, SymInt height, SymInt width) -> Tensor",
         {at::Tag::pt2_compliant_tag});
 }
@@ -153,7 +139,7 @@ STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
   m.impl("upsample_add", TORCH_BOX(&upsample_add));
   m.impl("max_pool", TORCH_BOX(&max_pool));
   m.impl("normalised_propagation", TORCH_BOX(&normalised_propagation));
-  m.impl("local_detail", TORCH_BOX(&local_detail));
+  m.impl("fill_hidden", TORCH_BOX(&fill_hidden));
   m.impl("small_image", TORCH_BOX(&small_image));
 }
 

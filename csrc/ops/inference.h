@@ -1,9 +1,6 @@
 // What the operators of the inference graph check.
 #pragma once
 
-#include <initializer_list>
-#include <optional>
-
 #include "tensor.h"
 
 namespace anynet::ops {
@@ -17,22 +14,6 @@ inline void check_image(const char* op, const Tensor& image) {
 inline void check_contiguous(const char* op, const char* name, const Tensor& t, int64_t dim) {
   ANYNET_CHECK(t.dim() == dim && t.scalar_type() == ScalarType::Float && t.is_contiguous(), op, ": expected ", name,
                " as contiguous float32 tensor of ", dim, " dimensions, got ", shape(t));
-}
-
-inline void check_images(const char* op, const Tensor& left, const Tensor& right) {
-  check_image(op, left);
-  check_image(op, right);
-  ANYNET_CHECK(right.size(0) == left.size(0) && right.size(1) == left.size(1), op,
-               ": expected images of one size, got ", shape(left), " and ", shape(right));
-}
-
-/// The detail to add to images; null if there is none.
-inline const float* detail_of(const char* op, const std::optional<Tensor>& detail, std::initializer_list<int64_t> sizes,
-                              const Tensor& first) {
-  if (!detail) return nullptr;
-  check_contiguous(op, "detail", *detail, static_cast<int64_t>(sizes.size()));
-  check_tensor(op, "detail", *detail, sizes, first);
-  return data<float>(*detail);
 }
 
 inline void check_affine(const char* op, const Tensor& scale, const Tensor& shift, int64_t channels,

@@ -4,10 +4,13 @@
 
 namespace anynet::ops {
 
-Tensor stem(const Tensor& left, const Tensor& right, const std::optional<Tensor>& detail, const Tensor& mean,
-            const Tensor& weight_first, const Tensor& bias_first, const Tensor& weight_second, const Tensor& scale,
-            const Tensor& shift, int64_t enlargement, int64_t multiple) {
-  check_images("stem", left, right);
+Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const Tensor& weight_first,
+            const Tensor& bias_first, const Tensor& weight_second, const Tensor& scale, const Tensor& shift,
+            int64_t enlargement, int64_t multiple) {
+  check_image("stem", left);
+  check_image("stem", right);
+  ANYNET_CHECK(right.size(0) == left.size(0) && right.size(1) == left.size(1),
+               "stem: expected images of one size, got ", shape(left), " and ", shape(right));
   ANYNET_CHECK(enlargement == 1 || enlargement == 2, "stem: expected an enlargement of 1 or 2, got ", enlargement);
   ANYNET_CHECK(multiple > 0 && multiple % 4 == 0, "stem: expected a multiple of 4, got ", multiple);
   const int64_t channels = bias_first.numel();
@@ -23,7 +26,6 @@ Tensor stem(const Tensor& left, const Tensor& right, const std::optional<Tensor>
   const int64_t height = padded(enlargement * left.size(0)), width = padded(enlargement * left.size(1));
   Tensor out = empty_like(mean, {2, channels, height / 4, width / 4});
   const Stem<float> args{{data<uint8_t>(left), data<uint8_t>(right)},
-                         detail_of("stem", detail, {2, left.size(0), left.size(1)}, mean),
                          left.size(0),
                          left.size(1),
                          enlargement,
@@ -43,8 +45,7 @@ Tensor stem(const Tensor& left, const Tensor& right, const std::optional<Tensor>
 
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   m.def(
-      "stem(Tensor left, Tensor right, Tensor? detail, Tensor mean, Tensor weight_first, Tensor bias_first, Tensor "
-      "weight_second, "
+      "stem(Tensor left, Tensor right, Tensor mean, Tensor weight_first, Tensor bias_first, Tensor weight_second, "
       "Tensor scale, Tensor shift, int enlargement, int multiple) -> Tensor",
       {at::Tag::pt2_compliant_tag});
 }

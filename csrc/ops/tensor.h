@@ -67,10 +67,9 @@ View<const T, Rank> view(const Tensor& t) {
   return v;
 }
 
-/// An uninitialised contiguous tensor of the device and, unless another is given, the dtype of `like`.
-inline Tensor empty_like(const Tensor& like, std::initializer_list<int64_t> sizes,
-                         std::optional<ScalarType> dtype = std::nullopt) {
-  return torch::stable::new_empty(like, torch::headeronly::IntHeaderOnlyArrayRef(sizes), dtype);
+/// An uninitialised contiguous tensor of the dtype and device of `like`.
+inline Tensor empty_like(const Tensor& like, std::initializer_list<int64_t> sizes) {
+  return torch::stable::new_empty(like, torch::headeronly::IntHeaderOnlyArrayRef(sizes));
 }
 
 /// The same of the sizes of `like`, whatever its layout.

@@ -19,8 +19,6 @@ class AnyNetConfig:
     Args:
         input_scale: 1, or 2: the images are enlarged to twice their size first, which makes everything finer for four
             times the work. Sizes and resolutions below are those of the enlarged images; estimates are not enlarged.
-        local_contrast: the network sees the images with weak local contrast raised, as bare surfaces have; the paper:
-            False.
         channels: feature channels at full and half resolution; doubled with each halving after that.
         blocks: U-Net blocks below 1/4 resolution.
         layers: convolutions per U-Net block.
@@ -36,14 +34,13 @@ class AnyNetConfig:
         spn_combine: how the scans' results become one; "chain": each scan takes the result of the one before.
         spn_fill: what the estimate hides from the right camera, behind something nearer or beyond the border, takes
             the disparity of the background beside it before the propagation; the paper: False.
-        spn_mismatch: the propagation is steered not by the left image alone, but also by the disparity, by how the
-            right image, warped by it, differs, and by what is hidden from the right camera; the paper: False.
+        spn_mismatch: the propagation is steered not by the left image alone, but also by the disparity and by how the
+            right image, warped by it, differs. So it can tell what the right camera does not see. The paper: False.
         reversed_residuals: the residual stages test disparity `d - s` where they count it as `d + s`, as the authors'
             released code and weights do.
     """
 
     input_scale: int = 1
-    local_contrast: bool = False
     channels: int = 1
     blocks: int = 2
     layers: int = 2

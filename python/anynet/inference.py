@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.network import CONTRAST, MEAN, STD, WINDOW, AnyNet, Hourglass, PreActivation, prepared
+from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, mismatch_guide
 
 # The operators themselves: what is passed to them here needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -175,8 +175,7 @@ class InferenceGraph:
         def enlarge(maps: list[Tensor], scales: list[int]) -> Callable[[], Tensor]:
             return lambda: _ops.upsample_sum.default(maps, scales, 1.0, height, width)
 
-        detail = _ops.local_detail.default(left, right, WINDOW, CONTRAST) if self.config.local_contrast else None
-        for i, features in enumerate(self._features(left, right, detail)):
+        for i, features in enumerate(self._features(left, right)):
             scale = self.config.stride >> i
             disparity = self._sum_at(scale, maps, scales, features.shape[2:]) if i else None
             first, last = self._ranges[i]
@@ -192,11 +191,11 @@ class InferenceGraph:
             yield enlarge(maps, scales)
         disparity = self._sum_at(scales[-1], maps[:-1], scales[:-1], maps[-1].shape, gain=1.0)
         disparity += _blur(maps[-1], scales[-1])
-        yield enlarge([self._refine(left, right, detail, disparity)], scales[-1:])
+        yield enlarge([self._refine(left, right, disparity)], scales[-1:])
 
-    def _features(self, left: Tensor, right: Tensor, detail: Tensor | None) -> Iterator[Tensor]:
+    def _features(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
         """[2, C, h, w] per stage: of the left image and the right one."""
-        x = _ops.stem.default(left, right, detail, *self._stem)
+        x = _ops.stem.default(left, right, *self._stem)
         skips: list[Tensor] = []
         for i, layers in enumerate(self._down):
             x = _run(layers, _ops.max_pool.default(x, *self._down_affine[i]) if i else x)
@@ -215,17 +214,19 @@ class InferenceGraph:
         out: Tensor = _ops.upsample_sum.default(maps, ratios, 1 / scale if gain is None else gain, *size)
         return out[None, None]
 
-    def _refine(self, left: Tensor, right: Tensor, detail: Tensor | None, disparity: Tensor) -> Tensor:
+    def _refine(self, left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
         """[1, 1, h, w] at the finest features' resolution to [h, w]."""
         height, width = disparity.shape[2:]
 
-        def small(i: int) -> Tensor:
-            image, its_detail = (left, right)[i], None if detail is None else detail[i]
-            finest = self.config.finest
-            out: Tensor = _ops.small_image.default(image, its_detail, self._mean, self._std, finest, height, width)
+        def small(image: Tensor) -> Tensor:
+            out: Tensor = _ops.small_image.default(image, self._mean, self._std, self.config.finest, height, width)
             return out
 
-        guide, disparity = prepared(self.config, small, disparity)
+        guide = small(left)
+        if self.config.spn_fill:
+            disparity = _ops.fill_hidden.default(disparity, self.config.finest)
+        if self.config.spn_mismatch:
+            guide = mismatch_guide(guide, small(right), disparity / self.config.finest)
         guide = _run(self._guidance, guide)
         x = self._expand(disparity)
         scans = []

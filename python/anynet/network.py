@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import islice, pairwise
 
 import torch
@@ -128,7 +128,7 @@ class Refinement(nn.Module):
         c = config.spn_channels
         self.directions = config.spn_directions
         self.combine = config.spn_combine
-        inputs = 8 if config.spn_mismatch else 3
+        inputs = 7 if config.spn_mismatch else 3
         self.guidance = nn.ModuleList(
             Convolution(i, o) for i, o in pairwise([inputs, 2 * c, 2 * c, 2 * c, 3 * c * len(self.directions)])
         )
@@ -141,7 +141,7 @@ class Refinement(nn.Module):
                 layer.weight[:, :, 1, 1] += gain
 
     def gates(self, guide: Tensor) -> Tensor:
-        """[N,3 or 8,H,W] -> [N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
+        """[N,3 or 7,H,W] -> [N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
         for i, layer in enumerate(self.guidance):
             guide = layer(guide, relu_in=i > 0)
         n, _, h, w = guide.shape
@@ -171,61 +171,26 @@ def hidden(disparity: Tensor) -> tuple[Tensor, Tensor]:
     """
     lands = torch.arange(disparity.shape[-1], dtype=disparity.dtype, device=disparity.device) - disparity
     leftmost = lands.flip(-1).cummin(-1).values.flip(-1)
-    return (-lands).clamp(0, 1), (lands - leftmost - 0.5).clamp(0, 1)
+    # Over two pixels, so that rounding cannot make a pixel jump from one depth to another.
+    return (-lands / 2).clamp(0, 1), ((lands - leftmost - 0.5) / 2).clamp(0, 1)
 
 
-def without_hidden(disparity: Tensor, outside: Tensor, behind: Tensor) -> Tensor:
-    """What is hidden takes the disparity of the background beside it: outside on the right, behind on the left."""
+def filled(disparity: Tensor, pixel: float) -> Tensor:
+    """[N, 1, H, W]: what is hidden takes the disparity of the background beside it; `pixel` of its unit is a column.
+
+    What lies outside takes that of its right, what lies behind that of its left neighbour, one after another.
+    """
+    with torch.no_grad():
+        outside, behind = hidden(disparity / pixel)
     for mask, direction in ((outside, 1), (behind * (1 - outside), 0)):
         neighbours = F.pad(mask[:, None], (0, 0, 0, 0, 0, 0, 1, 1))  # only the one in the same row
         disparity = spatial_propagation(disparity, neighbours, direction)
     return disparity
 
 
-def prepared(config: AnyNetConfig, small_image: Callable[[int], Tensor], disparity: Tensor) -> tuple[Tensor, Tensor]:
-    """What the refinement is given, at the finest features' resolution: its guide, and the disparity it begins with.
-
-    Args:
-        small_image: gives the left image (0) and the right one (1), [N, 3, H, W].
-        disparity: [N, 1, H, W], in pixels of the network's input.
-    """
-    guide, known = small_image(0), disparity / config.finest
-    if not (config.spn_fill or config.spn_mismatch):
-        return guide, disparity
-    with torch.no_grad():
-        outside, behind = hidden(known)
-    if config.spn_fill:
-        known = without_hidden(known, outside, behind)
-    if config.spn_mismatch:
-        warped = known.detach()
-        mismatch = warp(small_image(1), warped) - guide
-        guide = torch.cat([guide, mismatch, warped / 16, torch.maximum(outside, behind)], 1)
-    return guide, known * config.finest
-
-
-CONTRAST = 20.0  # standard deviation in the images' units, 0..255, that local contrast is raised towards
-WINDOW = 21  # pixels
-
-
-def local_detail(images: Tensor) -> Tensor:
-    """[N, 1, H, W]: what raises weak local contrast when added to all channels; images in 0..255, [N, 3, H, W].
-
-    It is the grey image's difference from its mean in a window, (20 / s)^(3/4) - 1 times, where its standard deviation
-    s there (at least 1) is less than 20. Bare surfaces have a texture too, of a hundredth of the usual strength.
-    """
-    grey = images.mean(1, keepdim=True).double()
-    over_rows, over_columns = (_window_means(size, grey) for size in grey.shape[2:])
-    mean, of_squares = (over_rows @ x @ over_columns.T for x in (grey, grey**2))
-    spread = ((of_squares - mean**2).clamp(min=0) + 1).rsqrt() * CONTRAST
-    gain = (spread * spread.sqrt()).sqrt()
-    return ((gain - 1).clamp(min=0) * (grey - mean)).to(images.dtype)
-
-
-def _window_means(size: int, like: Tensor) -> Tensor:
-    """The matrix [size, size] that takes the mean of what a window around each element holds."""
-    i = torch.arange(size, device=like.device)
-    inside = ((i[:, None] - i).abs() <= WINDOW // 2).to(like.dtype)
-    return inside / inside.sum(1, keepdim=True)
+def mismatch_guide(left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
+    """[N, 7, H, W]: the left image, how the right one warped by the disparity differs from it, and the disparity."""
+    return torch.cat([left, warp(right, disparity) - left, disparity / 16], 1)
 
 
 class AnyNet(nn.Module):
@@ -265,18 +230,11 @@ class AnyNet(nn.Module):
         height, width = left.shape[2:]
         # Padding at the right and the bottom moves no pixel, and the left-to-right scan meets it last.
         padding = (0, -width % self.config.stride, 0, -height % self.config.stride)
-        images = self._raised(torch.cat([left, right]))
+        images = torch.cat([left, right])
         if any(padding):
             images = F.pad(images, padding, mode="replicate")
         for estimate in self._padded_stages(images):
             yield estimate[..., :height, :width]
-
-    def _raised(self, images: Tensor) -> Tensor:
-        """With their local contrast raised, if the configuration says so."""
-        if not self.config.local_contrast:
-            return images
-        mean, std = (255 * images.new_tensor(values)[:, None, None] for values in (MEAN, STD))
-        return images + local_detail(images * std + mean) / std
 
     def _padded_stages(self, images: Tensor) -> Iterator[Tensor]:
         left, right = images.chunk(2)
@@ -304,5 +262,9 @@ class AnyNet(nn.Module):
             yield estimate
         assert estimate is not None
         finest = (height // self.config.finest, width // self.config.finest)
-        guide, estimate = prepared(self.config, lambda i: resize((left, right)[i], finest), resize(estimate, finest))
+        guide, estimate = resize(left, finest), resize(estimate, finest)
+        if self.config.spn_fill:
+            estimate = filled(estimate, self.config.finest)
+        if self.config.spn_mismatch:
+            guide = mismatch_guide(guide, resize(right, finest), estimate.detach() / self.config.finest)
         yield resize(self.refinement(guide, estimate), (height, width))

@@ -32,7 +32,6 @@ def wild_large_model() -> AnyNet:
     return wild(
         AnyNetConfig(
             input_scale=2,
-            local_contrast=True,
             channels=4,
             blocks=3,
             groups=4,
@@ -41,7 +40,6 @@ def wild_large_model() -> AnyNet:
             ranges=ranges,
             spn_directions=(1, 0),
             spn_combine="chain",
-            spn_fill=True,
             spn_mismatch=True,
         )
     )

@@ -10,20 +10,14 @@ from torch import nn
 from anynet import AnyNet, AnyNetConfig
 from anynet.errors import AnyNetError
 from anynet.network import (
-    CONTRAST,
-    MEAN,
-    STD,
-    WINDOW,
     Convolution,
     Hourglass,
     Refinement,
     cost_net,
+    filled,
     hidden,
-    local_detail,
-    prepared,
-    without_hidden,
+    mismatch_guide,
 )
-from anynet_ext import reference
 
 
 @pytest.fixture
@@ -182,17 +176,13 @@ def test_the_guide_shows_where_the_images_do_not_match() -> None:
     left = torch.roll(right, 5, dims=3)
     disparity = torch.full((1, 1, 12, 40), 5.0)
     disparity[..., 6:, :] = 3
-    config = AnyNetConfig(spn_mismatch=True)
-    guide, unchanged = prepared(config, lambda i: (left, right)[i], 4 * disparity)
-    assert torch.equal(unchanged, 4 * disparity)
-    assert guide.shape == (1, 8, 12, 40)
+    guide = mismatch_guide(left, right, disparity)
+    assert guide.shape == (1, 7, 12, 40)
     assert torch.equal(guide[:, :3], left)
     assert (guide[:, 3:6, :6, 5:] == 0).all()
     assert (guide[:, 3:6, :6, :5] == -left[..., :6, :5]).all()  # the right camera does not see these
     assert (guide[:, 3:6, 6:, 5:].abs() > 1e-3).float().mean() > 0.99
-    assert torch.equal(guide[:, 6:7], disparity / 16)
-    assert (guide[:, 7:, :6, :5] == 1).all()
-    assert (guide[:, 7:, :6, 5:] == 0).all()
+    assert torch.equal(guide[:, 6:], disparity / 16)
 
 
 def scene() -> tuple[torch.Tensor, torch.Tensor]:
@@ -208,33 +198,40 @@ def scene() -> tuple[torch.Tensor, torch.Tensor]:
 def test_the_estimate_itself_says_what_is_hidden() -> None:
     disparity, seen = scene()
     outside, behind = hidden(disparity)
-    assert torch.equal(outside, (torch.arange(40) < 4).float().expand_as(outside))
+    assert (outside[..., :5] == torch.tensor([1, 1, 1, 0.5, 0])).all()  # columns 0 to 3 land on -4 to -1
+    assert (behind[..., 14:20] == torch.tensor([0, 0.25, 0.75, 1, 1, 1])).all()  # 0 to 5 right of the post's edge
     assert (torch.maximum(outside, behind)[seen] == 0).all()
-    half = torch.maximum(outside, behind)[..., 15]  # masks rise over two pixels, so that rounding cannot make them jump
-    assert (half == 0.5).all()
-    columns = torch.arange(40)
-    assert torch.equal(behind > 0, ((columns > 14) & (columns < 20)).expand_as(seen))
 
 
 def test_what_is_hidden_takes_the_background() -> None:
     """Whatever the estimate says there, as long as it leaves them hidden."""
     truth, _ = scene()
     wrong = truth.clone()
-    wrong[..., 17:20] = 5
-    wrong[..., :4] = 9
-    torch.testing.assert_close(without_hidden(wrong, *hidden(wrong)), truth)
+    wrong[..., 18:20] = 5
+    wrong[..., :2] = 9
+    torch.testing.assert_close(filled(4 * wrong, 4), 4 * truth)
 
 
-def test_filling_what_is_hidden_passes_the_gradient_to_the_background() -> None:
+def test_filling_passes_the_gradient_to_the_background() -> None:
     disparity, _ = scene()
     disparity.requires_grad_()
-    config = AnyNetConfig(spn_fill=True)
-    guide, filled = prepared(config, lambda i: pair(3, 40)[i], 4 * disparity)
-    assert guide.shape == (1, 3, 3, 40)
-    (filled / 4)[..., 16].sum().backward()
+    filled(disparity, 1)[..., 17].sum().backward()
     assert disparity.grad is not None
-    assert (disparity.grad[..., 14:16] == 0.5).all()
-    assert disparity.grad.sum() == 3  # of three rows
+    # 17 takes all of 16, which takes 3/4 of 15, which takes 1/4 of 14
+    assert (disparity.grad[..., 14:18] == torch.tensor([0.1875, 0.5625, 0.25, 0])).all()
+
+
+def test_the_refinement_begins_with_what_is_filled(wild_model: AnyNet) -> None:
+    model = AnyNet(replace(wild_model.config, spn_fill=True)).eval()
+    model.load_state_dict(wild_model.state_dict())
+    images = pair(48, 80)
+    seen = []
+    model.refinement.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[1]))
+    with torch.no_grad():
+        *_, third, _ = model(*images)
+    rough = F.interpolate(third, scale_factor=1 / 4, mode="bilinear")
+    assert hidden(rough / 4)[1].mean() > 0.01
+    torch.testing.assert_close(seen, [filled(rough, 4)], rtol=1e-4, atol=1e-3)
 
 
 def test_hidden_pixels_vary_smoothly_with_the_estimate() -> None:
@@ -243,34 +240,6 @@ def test_hidden_pixels_vary_smoothly_with_the_estimate() -> None:
     step = torch.randn(disparity.shape, generator=torch.Generator().manual_seed(0)) * 1e-4
     for before, after in zip(hidden(disparity), hidden(disparity + step), strict=True):
         assert (after - before).abs().max() < 1e-3
-
-
-def test_local_detail_is_the_operators() -> None:
-    images = torch.randint(0, 256, (2, 3, 45, 70), generator=torch.Generator().manual_seed(0), dtype=torch.uint8)
-    images[1] = images[1] % 3 + 120
-    expected = reference.local_detail(*images.permute(0, 2, 3, 1), window=WINDOW, contrast=CONTRAST)
-    torch.testing.assert_close(local_detail(images.float())[:, 0], expected, rtol=1e-4, atol=1e-3)
-
-
-def test_local_detail_raises_bare_surfaces_and_leaves_the_rest() -> None:
-    texture = torch.randn(1, 1, 60, 60, generator=torch.Generator().manual_seed(0)).expand(1, 3, 60, 60)
-    for deviation, at_least, at_most in ((1.0, 4, 10), (5.0, 10, 18), (40.0, 40, 40)):
-        images = 128 + deviation * texture
-        raised = images + local_detail(images)
-        assert at_least - 0.5 <= raised[0, 0].std() / texture[0, 0].std() <= at_most + 0.5
-    even = torch.full((1, 3, 30, 30), 77.0)
-    assert local_detail(even).abs().max() < 1e-9
-
-
-def test_a_network_sees_raised_contrast(wild_model: AnyNet) -> None:
-    raising = AnyNet(replace(wild_model.config, local_contrast=True)).eval()
-    raising.load_state_dict(wild_model.state_dict())
-    left, right = pair(45, 70)
-    mean, std = (255 * torch.tensor(values)[:, None, None] for values in (MEAN, STD))
-    raised = [image + local_detail(image * std + mean) / std for image in (left, right)]
-    with torch.no_grad():
-        for one, two in zip(raising(left, right), wild_model(*raised), strict=True):
-            torch.testing.assert_close(one, two, rtol=1e-4, atol=1e-3)
 
 
 def test_chained_scans_take_each_others_results() -> None:

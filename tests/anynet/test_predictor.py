@@ -5,6 +5,7 @@ import resource
 import signal
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
@@ -43,17 +44,26 @@ def pair(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     return image[:, :-4].copy(), image[:, 4:].copy()
 
 
-@pytest.mark.parametrize("large", [False, True])
+@pytest.fixture(scope="module")
+def filling_weights(tmp_path_factory: pytest.TempPathFactory, wild_model: AnyNet) -> Path:
+    filling = AnyNet(replace(wild_model.config, spn_fill=True))
+    filling.load_state_dict(wild_model.state_dict())
+    path = tmp_path_factory.mktemp("weights") / "filling.safetensors"
+    save_checkpoint(path, filling)
+    return path
+
+
+@pytest.mark.parametrize("network", ["weights", "large_weights", "filling_weights"])
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (37, 61), (64, 128)])
-def test_stages_are_the_networks(weights: Path, large_weights: Path, height: int, width: int, large: bool) -> None:
-    weights = large_weights if large else weights
+def test_stages_are_the_networks(request: pytest.FixtureRequest, height: int, width: int, network: str) -> None:
+    weights = request.getfixturevalue(network)
     predictor = Predictor(weights)
     left, right = pair(height, width)
     tensors = [torch.from_numpy((image / 255 - MEAN) / STD).permute(2, 0, 1)[None].float() for image in (left, right)]
     with torch.no_grad():
         expected = load_checkpoint(weights)(*tensors)
     estimates = list(predictor.stages(left, right))
-    assert [e.stage for e in estimates] == list(range(1, 6 if large else 5))
+    assert [e.stage for e in estimates] == list(range(1, 6 if network == "large_weights" else 5))
     for estimate, disparity in zip(estimates, expected, strict=True):
         assert estimate.disparity.dtype == np.float32
         np.testing.assert_allclose(estimate.disparity, disparity[0, 0].numpy(), atol=0.01)

@@ -33,17 +33,15 @@ def check(name: str, *args: object, rtol: float | None = 1e-4, atol: float | Non
     assert_close(getattr(inference, name)(*args, **options), expected, rtol=rtol, atol=atol)
 
 
-@pytest.mark.parametrize("detailed", [False, True])
 @pytest.mark.parametrize("enlargement", [1, 2])
 @pytest.mark.parametrize("multiple", [4, 16])
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (4, 4), (5, 7), (32, 64), (37, 130), (64, 273)])
-def test_stem(height: int, width: int, channels: int, multiple: int, enlargement: int, detailed: bool) -> None:
+def test_stem(height: int, width: int, channels: int, multiple: int, enlargement: int) -> None:
     images = image(height, width), image(height, width, seed=1)
-    detail = 20 * random(2, height, width) if detailed else None
     first = 100 + random(3), random(channels, 3, 3, 3) / 100, random(channels)
     second = random(channels, channels, 3, 3), random(channels), random(channels)
-    check("stem", *images, detail, *first, *second, enlargement=enlargement, multiple=multiple)
+    check("stem", *images, *first, *second, enlargement=enlargement, multiple=multiple)
 
 
 @pytest.mark.parametrize("crop", [0, 3])
@@ -79,22 +77,18 @@ def test_normalised_propagation(shape: tuple[int, ...], direction: int) -> None:
     check("normalised_propagation", random(*shape), gates, direction, rtol=None, atol=None)
 
 
-@pytest.mark.parametrize("window", [1, 3, 21, 59])
-@pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 30), (37, 5), (61, 130)])
-def test_local_detail(height: int, width: int, window: int) -> None:
-    left, right = image(height, width), image(height, width, seed=1)
-    right = right % 3 + 200  # bare
-    left[: height // 2] = 255  # saturated, and its border
-    check("local_detail", left, right, window=window, contrast=20.0, atol=1e-3)
+@pytest.mark.parametrize("pixel", [1.0, 4.0])
+@pytest.mark.parametrize("shape", [(1, 1, 1, 1), (2, 1, 5, 70), (1, 1, 90, 300), (0, 1, 4, 4), (1, 1, 3, 0)])
+def test_fill_hidden(shape: tuple[int, ...], pixel: float) -> None:
+    steps = (random(*shape) > 1).float() * 20 * random(*shape[:3], 1).abs()
+    check("fill_hidden", pixel * (10 + random(*shape) + steps), pixel)
 
 
-@pytest.mark.parametrize("detailed", [False, True])
 @pytest.mark.parametrize("factor", [2, 4])
 @pytest.mark.parametrize(("height", "width"), [(4, 4), (16, 20), (1, 1), (37, 61)])
-def test_small_image(height: int, width: int, factor: int, detailed: bool) -> None:
+def test_small_image(height: int, width: int, factor: int) -> None:
     size = -(-height // factor), -(-width // factor)
-    detail = 20 * random(height, width) if detailed else None
-    check("small_image", image(height, width), detail, random(3), random(3).abs() + 1, factor, *size)
+    check("small_image", image(height, width), random(3), random(3).abs() + 1, factor, *size)
 
 
 def test_operators_are_good_citizens() -> None:
@@ -105,7 +99,6 @@ def test_operators_are_good_citizens() -> None:
             (
                 image(8, 8),
                 image(8, 8),
-                random(2, 8, 8),
                 random(3),
                 random(2, 3, 3, 3),
                 random(2),
@@ -121,8 +114,8 @@ def test_operators_are_good_citizens() -> None:
         (ops.upsample_add, (random(1, 2, 2, 4, 4), random(1, 2, 1, 2, 2), random(2), random(2))),
         (ops.max_pool, (random(1, 2, 4, 4), random(2), random(2))),
         (ops.normalised_propagation, (random(1, 2, 4, 4), random(1, 3, 2, 4, 4), 2)),
-        (ops.local_detail, (image(8, 8), image(8, 8), 3, 20.0)),
-        (ops.small_image, (image(8, 8), None, random(3), random(3), 4, 2, 2)),
+        (ops.fill_hidden, (10 * random(1, 1, 4, 30), 2.0)),
+        (ops.small_image, (image(8, 8), random(3), random(3), 4, 2, 2)),
     ):
         torch.library.opcheck(op.default, args)
 
@@ -133,7 +126,7 @@ def test_no_gradients() -> None:
 
 
 def test_errors() -> None:
-    weights = None, random(3), random(2, 3, 3, 3), random(2), random(2, 2, 3, 3), random(2), random(2)
+    weights = random(3), random(2, 3, 3, 3), random(2), random(2, 2, 3, 3), random(2), random(2)
     with pytest.raises(RuntimeError, match=r"images of one size, got \[8, 8, 3\] and \[8, 9, 3\]"):
         inference.stem(image(8, 8), image(8, 9), *weights)
     with pytest.raises(RuntimeError, match=r"contiguous uint8 image of shape \[H, W, 3\], got \[8, 8\]"):
@@ -143,16 +136,7 @@ def test_errors() -> None:
     with pytest.raises(RuntimeError, match="multiple of 4, got 6"):
         inference.stem(image(8, 8), image(8, 8), *weights, multiple=6)
     with pytest.raises(RuntimeError, match=r"weight_second of shape \[2, 2, 3, 3\], got \[1, 1, 3, 3\]"):
-        inference.stem(image(8, 8), image(8, 8), *weights[:4], random(1, 1, 3, 3), *weights[5:])
-    with pytest.raises(RuntimeError, match=r"stem: expected detail of shape \[2, 8, 8\], got \[2, 8, 9\]"):
-        inference.stem(image(8, 8), image(8, 8), random(2, 8, 9), *weights[1:])
-    with pytest.raises(RuntimeError, match=r"images of one size, got \[8, 8, 3\] and \[8, 9, 3\]"):
-        inference.local_detail(image(8, 8), image(8, 9), window=3, contrast=20.0)
-    for window in (0, 2, 61):
-        with pytest.raises(RuntimeError, match=f"odd window of at most 59 pixels, got {window}"):
-            inference.local_detail(image(8, 8), image(8, 8), window=window, contrast=20.0)
-    with pytest.raises(RuntimeError, match="contrast above 0, got 0"):
-        inference.local_detail(image(8, 8), image(8, 8), window=3, contrast=0.0)
+        inference.stem(image(8, 8), image(8, 8), *weights[:3], random(1, 1, 3, 3), *weights[4:])
     with pytest.raises(RuntimeError, match=r"maps that cover 9 x 8, got \[2, 2\] times 4"):
         inference.upsample_sum([random(2, 2)], [4], 9, 8)
     with pytest.raises(RuntimeError, match="power of two, got 3"):
@@ -171,7 +155,11 @@ def test_errors() -> None:
         inference.normalised_propagation(random(1, 1, 2, 2), random(1, 3, 1, 2, 2), 4)
     with pytest.raises(RuntimeError, match="contiguous float32"):
         inference.normalised_propagation(random(1, 1, 2, 2).double(), random(1, 3, 1, 2, 2).double(), 0)
+    with pytest.raises(RuntimeError, match="disparity as contiguous float32 tensor of 4 dimensions"):
+        inference.fill_hidden(random(3, 4), 1.0)
+    with pytest.raises(RuntimeError, match="pixel above 0, got 0"):
+        inference.fill_hidden(random(1, 1, 3, 4), 0.0)
     with pytest.raises(RuntimeError, match="at least one pixel"):
-        inference.small_image(image(8, 8), None, random(3), random(3), 4, 0, 2)
+        inference.small_image(image(8, 8), random(3), random(3), 4, 0, 2)
     with pytest.raises(RuntimeError, match="factor 2 or 4, got 3"):
-        inference.small_image(image(8, 8), None, random(3), random(3), 3, 2, 2)
+        inference.small_image(image(8, 8), random(3), random(3), 3, 2, 2)

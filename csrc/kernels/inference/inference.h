@@ -57,17 +57,17 @@ struct MaxPool {
   T* out;                                  // [N,C,H/2,W/2]
 };
 
-/// What raises weak local contrast when added to the channels. Of the grey image, the channels' mean, it is what
-/// differs from its mean in a window, (contrast / s)^(3/4) - 1 times, where that is more than nothing and s^2 is the
-/// variance in the window plus 1. The window is cut off at the image's borders.
-constexpr int64_t largest_window = 59;  // sums of squares are 32-bit integers
+/// Disparity with what the right camera does not see filled from beside it, row by row.
+///
+///   lands[x]   = x - d[x]                                                     column in the right image
+///   outside[x] = clamp(-lands[x] / 2, 0, 1)                                   takes f[x+1], from right to left
+///   behind[x]  = clamp((lands[x] - min_{x' >= x} lands[x'] - 1/2) / 2, 0, 1)  takes out[x-1], from left to right
 template <class T>
-struct LocalDetail {
-  const uint8_t* image[2];  // left and right: RGB, [height, width, 3], contiguous
-  int64_t height, width;
-  int64_t window;  // odd
-  T contrast;      // in bytes' units
-  T* out;          // [2, height, width]
+struct FillHidden {
+  int64_t rows, width;
+  const T* disparity;  // [rows, width], contiguous
+  T pixel;             // of its unit per column
+  T* out;              // [rows, width]
 };
 
 /// The image at half or a quarter of its size, bilinear (so: the mean of the middle 2x2 of each 2x2 or 4x4), and
@@ -75,7 +75,6 @@ struct LocalDetail {
 template <class T>
 struct SmallImage {
   const uint8_t* image;  // RGB, [image_height, image_width, 3], contiguous
-  const T* detail;       // added to all channels: [image_height, image_width], contiguous; or null
   int64_t image_height, image_width;
   int64_t factor;         // 2 or 4
   int64_t height, width;  // of the output
@@ -88,7 +87,7 @@ ANYNET_DECLARE_KERNEL(upsample_sum, UpsampleSum)
 ANYNET_DECLARE_KERNEL(upsample_concat, UpsampleConcat)
 ANYNET_DECLARE_KERNEL(upsample_add, UpsampleAdd)
 ANYNET_DECLARE_KERNEL(max_pool, MaxPool)
-ANYNET_DECLARE_KERNEL(local_detail, LocalDetail)
+ANYNET_DECLARE_KERNEL(fill_hidden, FillHidden)
 ANYNET_DECLARE_KERNEL(small_image, SmallImage)
 
 }  // namespace anynet

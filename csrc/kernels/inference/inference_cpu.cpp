@@ -1,5 +1,5 @@
 #include <algorithm>
-#include <cmath>
+#include <limits>
 #include <utility>
 
 #include "../common/parallel.h"
@@ -120,82 +120,6 @@ class Enlarger {
   Scratch<T> fraction_, line_;
 };
 
-/// The sums of a window around each pixel of a row, of the grey image times 3 and its squares, row after row.
-class WindowSums {
- public:
-  WindowSums(const uint8_t* image, int64_t height, int64_t width, int64_t window)
-      : image_(image),
-        height_(height),
-        width_(width),
-        window_(window),
-        grey_(window * width),
-        column_(width),
-        column_squares_(width),
-        sum_(width),
-        squares_(width) {}
-
-  /// Makes `row` the next one to go to.
-  void begin(int64_t row) {
-    fill_zero<int32_t>(column_, width_);
-    fill_zero<int32_t>(column_squares_, width_);
-    const int64_t first = std::max(row - window_ / 2 - 1, int64_t{0});
-    for (int64_t y = first; y < std::min(row + window_ / 2, height_); ++y) add(y);
-  }
-
-  void go_to(int64_t row) {
-    if (row - window_ / 2 > 0) remove(row - window_ / 2 - 1);
-    if (row + window_ / 2 < height_) add(row + window_ / 2);
-    const int64_t half = window_ / 2;
-    int32_t sum = 0, squares = 0;
-    const auto take = [&](int64_t x, int32_t sign) {
-      sum += sign * column_[x];
-      squares += sign * column_squares_[x];
-    };
-    for (int64_t x = 0; x < std::min(half, width_); ++x) take(x, 1);
-    for (int64_t x = 0; x < width_; ++x) {
-      if (x + half < width_) take(x + half, 1);
-      if (x > half) take(x - half - 1, -1);
-      sum_[x] = sum;
-      squares_[x] = squares;
-    }
-  }
-
-  const uint16_t* grey(int64_t row) const { return grey_ + row % window_ * width_; }
-  const int32_t* sum() const { return sum_; }
-  const int32_t* squares() const { return squares_; }
-
- private:
-  void add(int64_t row) {
-    const uint8_t* pixels = image_ + row * width_ * 3;
-    uint16_t* __restrict grey = grey_ + row % window_ * width_;
-    int32_t* __restrict column = column_, * __restrict squares = column_squares_;
-    for (int64_t x = 0; x < width_; ++x) {
-      grey[x] = static_cast<uint16_t>(pixels[3 * x] + pixels[3 * x + 1] + pixels[3 * x + 2]);
-      column[x] += grey[x];
-      squares[x] += grey[x] * grey[x];
-    }
-  }
-  void remove(int64_t row) {
-    const uint16_t* __restrict grey = this->grey(row);
-    int32_t* __restrict column = column_, * __restrict squares = column_squares_;
-    for (int64_t x = 0; x < width_; ++x) {
-      column[x] -= grey[x];
-      squares[x] -= grey[x] * grey[x];
-    }
-  }
-
-  const uint8_t* image_;
-  const int64_t height_, width_, window_;
-  Scratch<uint16_t> grey_;                    // of the rows in the window, going round
-  Scratch<int32_t> column_, column_squares_;  // sums over the window's rows
-  Scratch<int32_t> sum_, squares_;
-};
-
-/// How many elements of an axis of `size` the window around element i holds.
-inline int64_t inside(int64_t i, int64_t window, int64_t size) {
-  return std::min(i + window / 2, size - 1) - std::max(i - window / 2, int64_t{0}) + 1;
-}
-
 }  // namespace
 
 template <class T>
@@ -291,36 +215,41 @@ void max_pool(const MaxPool<T>& a, int threads) {
 }
 
 template <class T>
-void local_detail(const LocalDetail<T>& a, int threads) {
-  threads = useful_threads(2 * a.height * a.width * 8, threads);
-  parallel_ranges(2 * a.height, threads, [&](int64_t begin, int64_t end) {
-    const Scratch<int32_t> columns(a.width);
-    for (int64_t x = 0; x < a.width; ++x) columns[x] = static_cast<int32_t>(inside(x, a.window, a.width));
-    for (int image = 0; image < 2; ++image) {
-      const int64_t from = std::max(begin - image * a.height, int64_t{0}),
-                    to = std::min(end - image * a.height, a.height);
-      if (from >= to) continue;
-      WindowSums window(a.image[image], a.height, a.width, a.window);
-      window.begin(from);
-      for (int64_t y = from; y < to; ++y) {
-        window.go_to(y);
-        const int32_t rows = static_cast<int32_t>(inside(y, a.window, a.height));
-        const uint16_t* __restrict grey = window.grey(y);
-        const int32_t* __restrict sum = window.sum(), * __restrict squares = window.squares();
-        const int32_t* __restrict in_row = columns;
-        T* __restrict out = a.out + (image * a.height + y) * a.width;
-#pragma omp simd
-        for (int64_t x = 0; x < a.width; ++x) {
-          const int32_t n = rows * in_row[x];
-          const T each = T(1) / static_cast<T>(3 * n);
-          // Whole numbers below 2^53, so that nothing is lost where the two are nearly equal.
-          const double spread = static_cast<double>(n) * squares[x] - static_cast<double>(sum[x]) * sum[x];
-          const T ratio = a.contrast / std::sqrt(static_cast<T>(spread) * each * each + T(1));
-          const T gain = std::sqrt(ratio * std::sqrt(ratio));
-          out[x] = std::max(gain - T(1), T(0)) * static_cast<T>(n * grey[x] - sum[x]) * each;
-        }
+void fill_hidden(const FillHidden<T>& a, int threads) {
+  const auto clamped = [](T x) { return std::min(std::max(x, T(0)), T(1)); };
+  const auto blend = [](T own, T neighbour, T gate) { return (T(1) - gate) * own + gate * neighbour; };
+  // Of one row, each pixel waits for its neighbour; several keep the processor busy.
+  const auto fill = [&](auto rows, int64_t y, T* behind) {
+    constexpr int n = decltype(rows)::value;
+    const T* disparity = a.disparity + y * a.width;
+    T* out = a.out + y * a.width;
+    T leftmost[n], neighbour[n];
+    for (int i = 0; i < n; ++i) {
+      leftmost[i] = std::numeric_limits<T>::infinity();
+      neighbour[i] = disparity[(i + 1) * a.width - 1];
+    }
+    for (int64_t x = a.width - 1; x >= 0; --x) {
+      for (int i = 0; i < n; ++i) {
+        const T own = disparity[i * a.width + x], lands = static_cast<T>(x) - own / a.pixel;
+        leftmost[i] = std::min(leftmost[i], lands);
+        const T outside = clamped(T(-0.5) * lands);
+        behind[x * n + i] = clamped(T(0.5) * (lands - leftmost[i] - T(0.5))) * (T(1) - outside);
+        out[i * a.width + x] = neighbour[i] = blend(own, neighbour[i], outside);
       }
     }
+    for (int64_t x = 0; x < a.width; ++x) {
+      for (int i = 0; i < n; ++i) {
+        T& own = out[i * a.width + x];
+        own = neighbour[i] = blend(own, neighbour[i], x > 0 ? behind[x * n + i] : T(0));
+      }
+    }
+  };
+  parallel_ranges(a.rows, useful_threads(a.rows * a.width * 8, threads), [&](int64_t begin, int64_t end) {
+    constexpr int several = 8;
+    const Scratch<T> behind(several * a.width);
+    int64_t y = begin;
+    for (; y + several <= end; y += several) fill(std::integral_constant<int, several>{}, y, behind);
+    for (; y < end; ++y) fill(std::integral_constant<int, 1>{}, y, behind);
   });
 }
 
@@ -329,20 +258,14 @@ void small_image(const SmallImage<T>& a, int threads) {
   const int64_t first = a.factor / 2 - 1;
   const T gain[3] = {T(0.25) / a.std[0], T(0.25) / a.std[1], T(0.25) / a.std[2]};
   parallel_for(a.height, useful_threads(a.height * a.width * 16, threads), [&](int64_t y) {
-    const int64_t above = std::min(a.factor * y + first, a.image_height - 1) * a.image_width,
-                  below = std::min(a.factor * y + first + 1, a.image_height - 1) * a.image_width;
-    const uint8_t *upper = a.image + 3 * above, *lower = a.image + 3 * below;
+    const uint8_t* upper = a.image + std::min(a.factor * y + first, a.image_height - 1) * a.image_width * 3;
+    const uint8_t* lower = a.image + std::min(a.factor * y + first + 1, a.image_height - 1) * a.image_width * 3;
     for (int64_t x = 0; x < a.width; ++x) {
-      const int64_t left = std::min(a.factor * x + first, a.image_width - 1),
-                    right = std::min(a.factor * x + first + 1, a.image_width - 1);
-      T detail = 0;
-      if (a.detail != nullptr) {
-        const T *more_above = a.detail + above, *more_below = a.detail + below;
-        detail = more_above[left] + more_above[right] + more_below[left] + more_below[right];
-      }
+      const int64_t left = 3 * std::min(a.factor * x + first, a.image_width - 1),
+                    right = 3 * std::min(a.factor * x + first + 1, a.image_width - 1);
       for (int c = 0; c < 3; ++c) {
-        const int32_t sum = upper[3 * left + c] + upper[3 * right + c] + lower[3 * left + c] + lower[3 * right + c];
-        a.out[(c * a.height + y) * a.width + x] = (static_cast<T>(sum) + detail - 4 * a.mean[c]) * gain[c];
+        const int32_t sum = upper[left + c] + upper[right + c] + lower[left + c] + lower[right + c];
+        a.out[(c * a.height + y) * a.width + x] = (static_cast<T>(sum) - 4 * a.mean[c]) * gain[c];
       }
     }
   });
@@ -352,7 +275,7 @@ template void upsample_sum<float>(const UpsampleSum<float>&, int);
 template void upsample_concat<float>(const UpsampleConcat<float>&, int);
 template void upsample_add<float>(const UpsampleAdd<float>&, int);
 template void max_pool<float>(const MaxPool<float>&, int);
-template void local_detail<float>(const LocalDetail<float>&, int);
+template void fill_hidden<float>(const FillHidden<float>&, int);
 template void small_image<float>(const SmallImage<float>&, int);
 
 }  // namespace anynet::ANYNET_ISA

@@ -1,6 +1,6 @@
 // The first layers of the network on images in bytes, in one pass (AnyNet paper, Table I), for inference.
 //
-//   x   = enlarged (image + detail) - mean              [3,H,W]; beyond the image go on its last row and column
+//   x   = enlarged image - mean                         [3,H,W]; beyond the image go on its last row and column
 //   f   = max(0, conv(x, weight_first) + bias_first)    3x3, padding 1 (zeros)
 //   h   = conv(f, weight_second)                        3x3, padding 1 (zeros), stride 2
 //   out = max(0, scale * maxpool2x2(h) + shift)         [C,H/4,W/4]
@@ -18,7 +18,6 @@ namespace anynet {
 template <class T>
 struct Stem {
   const uint8_t* image[2];  // left and right: RGB, [image_height, image_width, 3], contiguous
-  const T* detail;          // [2, image_height, image_width], added to all channels; or null
   int64_t image_height, image_width;
   int64_t enlargement;     // 1 or 2
   int64_t height, width;   // of x; multiples of 4, not less than the enlarged image's

@@ -34,7 +34,6 @@ class Strip {
   Strip(const Stem<T>& a, int image)
       : a_(a),
         image_(a.image[image]),
-        detail_(a.detail != nullptr ? a.detail + image * a.image_height * a.image_width : nullptr),
         quarter_(a.width / 4),
         pitch_((quarter_ + 3 * lanes<T> - 1) / lanes<T> * lanes<T>),
         bytes_(pitch_ * 12),
@@ -82,7 +81,6 @@ class Strip {
       read_enlarged(r);
     } else {
       read_plain(r);
-      if (detail_ != nullptr) add_detail(r);
     }
     for (int c = 0; c < 3; ++c) input(r, c, 0)[quarter_] = 0;  // the padding's column
   }
@@ -100,17 +98,6 @@ class Strip {
           const bits value = packed >> (8 * byte) & 255;
           store(input(r, i % 3, i / 3) + j, __builtin_convertvector((Simd<float>::mask)value, vec<T>) - a_.mean[i % 3]);
         }
-      }
-    }
-  }
-
-  /// Adds row r of the detail, as `read_plain` lays columns out.
-  void add_detail(int64_t r) {
-    const T* detail = detail_ + std::min(r, a_.image_height - 1) * a_.image_width;
-    for (int c = 0; c < 3; ++c) {
-      T* out = input(r, c, 0);
-      for (int64_t x = 0; x < a_.width; ++x) {
-        out[x % 4 * pitch_ + x / 4] += detail[std::min(x, a_.image_width - 1)];
       }
     }
   }
@@ -140,7 +127,6 @@ class Strip {
     if (held_[r % 3] == r) return planes;
     held_[r % 3] = r;
     const uint8_t* pixels = image_ + r * a_.image_width * 3;
-    const T* detail = detail_ != nullptr ? detail_ + r * a_.image_width : nullptr;
     const int64_t pairs = a_.image_width / 2;
     for (int c = 0; c < 3; ++c) {
       T* __restrict even = planes + 2 * c * pitch_;
@@ -149,18 +135,11 @@ class Strip {
         even[j] = pixels[6 * j + c];
         odd[j] = pixels[6 * j + 3 + c];
       }
-      if (a_.image_width % 2) even[pairs] = pixels[6 * pairs + c];
-      if (detail != nullptr) {
-        for (int64_t j = 0; j < pairs; ++j) {
-          even[j] += detail[2 * j];
-          odd[j] += detail[2 * j + 1];
-        }
-        if (a_.image_width % 2) even[pairs] += detail[2 * pairs];
-      }
-      const T last = a_.image_width % 2 ? even[pairs] : odd[pairs - 1];
+      const T last = pixels[3 * a_.image_width - 3 + c];
+      if (a_.image_width % 2) even[pairs] = last;
       for (int64_t j = pairs + a_.image_width % 2; j <= quarter_; ++j) even[j] = last;
       for (int64_t j = pairs; j < quarter_; ++j) odd[j] = last;
-      odd[-1] = even[0];
+      odd[-1] = pixels[c];
     }
     return planes;
   }
@@ -220,7 +199,6 @@ class Strip {
 
   const Stem<T>& a_;
   const uint8_t* image_;
-  const T* detail_;
   const int64_t quarter_, pitch_;
   Scratch<uint8_t> bytes_;
   Scratch<T> inputs_, first_;

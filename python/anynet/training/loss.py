@@ -19,14 +19,8 @@ def loss_weights(disparity: Tensor, weights: Tensor) -> Tensor:
 def stage_losses(outputs: Sequence[Tensor], disparity: Tensor, weights: Tensor, total: Tensor) -> Tensor:
     """Smooth-L1 in pixels of each stage, weighted, summed and divided by `total` (paper, section III-D).
 
-    In the last stage all pixels that count weigh 1: what the right camera does not see, it is there to fill in.
-
     outputs: S tensors [N,1,H,W]; disparity: [N,1,H,W], finite; weights: float32 [N,1,H,W];
     total: scalar, the weights' sum (over all processes, in which case the losses of the processes add up). -> [S]
     """
-    of_stages = [weights] * (len(outputs) - 1) + [(weights > 0).to(weights.dtype)]
-    losses = [
-        F.smooth_l1_loss(out, disparity, reduction="none") * weights
-        for out, weights in zip(outputs, of_stages, strict=True)
-    ]
+    losses = [F.smooth_l1_loss(out, disparity, reduction="none") * weights for out in outputs]
     return torch.stack([loss.sum() for loss in losses]) / total

@@ -41,7 +41,7 @@ class Recipe:
     warm_up: int = _option(0, "Steps over which the rate grows linearly to its value.")
     drop_at: float = _option(2 / 3, "Fraction of the run after which the step schedule divides the rate by 10.")
     stage_weights: tuple[float, ...] = _option((), "Weight of each stage's loss. Default: 0.25, 0.5, and then 1.")
-    occluded_weight: float = _option(1.0, "Weight of pixels that the right crop hides, in all losses but the last.")
+    occluded_weight: float = _option(1.0, "Weight in the loss of pixels that the right crop does not show.")
     clip: float = _option(5.0, "Largest norm of the gradient; longer ones are scaled down. 0: as they are.")
     averaging: float = _option(0.0, "Decay of the running average of the weights that is kept; 0 keeps the last.")
     seed: int = _option(0, "Fixes the initial weights, the order of the data and the augmentation.")
@@ -113,7 +113,6 @@ class Recipe:
 
 
 LARGE = AnyNetConfig(
-    local_contrast=True,
     channels=4,
     groups=4,
     hourglass=2,

@@ -130,15 +130,6 @@ def test_the_loss_is_smooth_l1_over_what_trains():
     torch.testing.assert_close(losses, torch.tensor([(0.125 + 2.5 + 0.5 * 9.5) / 2.5, 0]))
 
 
-def test_the_last_stage_learns_what_the_right_crop_does_not_show():
-    truth = torch.full((1, 1, 1, 4), 10.0)
-    weights = torch.tensor([[[[1.0, 0.2, 1, 0]]]])
-    estimate = torch.tensor([[[[11.5, 11.5, 10, 20]]]])
-    early, last = stage_losses([estimate, estimate], truth, weights, weights.sum())
-    torch.testing.assert_close(early, torch.tensor(1.2 / 2.2))
-    torch.testing.assert_close(last, torch.tensor(2.0 / 2.2))
-
-
 def test_the_processes_share_the_batch_of_one():
     whole, *parts = (
         list(batches(Planes(7), RECIPE, range(5, 8), Processes(rank, count, CPU)))
