@@ -230,15 +230,13 @@ class AnyNet(nn.Module):
         height, width = left.shape[2:]
         # Padding at the right and the bottom moves no pixel, and the left-to-right scan meets it last.
         padding = (0, -width % self.config.stride, 0, -height % self.config.stride)
-        images = torch.cat([left, right])
-        if any(padding):
-            images = F.pad(images, padding, mode="replicate")
-        for estimate in self._padded_stages(images):
+        left, right = (F.pad(image, padding, mode="replicate") if any(padding) else image for image in (left, right))
+        for estimate in self._padded_stages(left, right):
             yield estimate[..., :height, :width]
 
-    def _padded_stages(self, images: Tensor) -> Iterator[Tensor]:
-        left, right = images.chunk(2)
+    def _padded_stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
         height, width = left.shape[2:]
+        images = torch.cat([left, right])
         if self.config.input_scale > 1:
             images = resize(images, (height * self.config.input_scale, width * self.config.input_scale))
         groups = self.config.groups

@@ -9,15 +9,7 @@ from torch import nn
 
 from anynet import AnyNet, AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet.network import (
-    Convolution,
-    Hourglass,
-    Refinement,
-    cost_net,
-    filled,
-    hidden,
-    mismatch_guide,
-)
+from anynet.network import Convolution, Hourglass, Refinement, cost_net, filled, hidden, mismatch_guide
 
 
 @pytest.fixture

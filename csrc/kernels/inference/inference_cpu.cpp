@@ -218,38 +218,21 @@ template <class T>
 void fill_hidden(const FillHidden<T>& a, int threads) {
   const auto clamped = [](T x) { return std::min(std::max(x, T(0)), T(1)); };
   const auto blend = [](T own, T neighbour, T gate) { return (T(1) - gate) * own + gate * neighbour; };
-  // Of one row, each pixel waits for its neighbour; several keep the processor busy.
-  const auto fill = [&](auto rows, int64_t y, T* behind) {
-    constexpr int n = decltype(rows)::value;
-    const T* disparity = a.disparity + y * a.width;
-    T* out = a.out + y * a.width;
-    T leftmost[n], neighbour[n];
-    for (int i = 0; i < n; ++i) {
-      leftmost[i] = std::numeric_limits<T>::infinity();
-      neighbour[i] = disparity[(i + 1) * a.width - 1];
-    }
-    for (int64_t x = a.width - 1; x >= 0; --x) {
-      for (int i = 0; i < n; ++i) {
-        const T own = disparity[i * a.width + x], lands = static_cast<T>(x) - own / a.pixel;
-        leftmost[i] = std::min(leftmost[i], lands);
-        const T outside = clamped(T(-0.5) * lands);
-        behind[x * n + i] = clamped(T(0.5) * (lands - leftmost[i] - T(0.5))) * (T(1) - outside);
-        out[i * a.width + x] = neighbour[i] = blend(own, neighbour[i], outside);
-      }
-    }
-    for (int64_t x = 0; x < a.width; ++x) {
-      for (int i = 0; i < n; ++i) {
-        T& own = out[i * a.width + x];
-        own = neighbour[i] = blend(own, neighbour[i], x > 0 ? behind[x * n + i] : T(0));
-      }
-    }
-  };
   parallel_ranges(a.rows, useful_threads(a.rows * a.width * 8, threads), [&](int64_t begin, int64_t end) {
-    constexpr int several = 8;
-    const Scratch<T> behind(several * a.width);
-    int64_t y = begin;
-    for (; y + several <= end; y += several) fill(std::integral_constant<int, several>{}, y, behind);
-    for (; y < end; ++y) fill(std::integral_constant<int, 1>{}, y, behind);
+    const Scratch<T> behind(a.width);
+    for (int64_t y = begin; y < end; ++y) {
+      const T* disparity = a.disparity + y * a.width;
+      T* out = a.out + y * a.width;
+      T leftmost = std::numeric_limits<T>::infinity(), neighbour = disparity[a.width - 1];
+      for (int64_t x = a.width - 1; x >= 0; --x) {
+        const T lands = static_cast<T>(x) - disparity[x] / a.pixel;
+        leftmost = std::min(leftmost, lands);
+        const T outside = clamped(T(-0.5) * lands);
+        behind[x] = clamped(T(0.5) * (lands - leftmost - T(0.5))) * (T(1) - outside);
+        out[x] = neighbour = blend(disparity[x], neighbour, outside);
+      }
+      for (int64_t x = 1; x < a.width; ++x) out[x] = neighbour = blend(out[x], neighbour, behind[x]);
+    }
   });
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from enum import Enum
+from itertools import count
 from pathlib import Path
 from typing import Annotated
 
@@ -79,7 +80,7 @@ def evaluate(
     )
     progress = Console(stderr=True)
     results: report.Results = {}
-    figures = 0
+    numbers = count()  # of the figures
     for runs, (spec, samples) in rounds:
         with progress.status(f"{', '.join(runs)} on {spec}"):
             for run in runs.values():
@@ -90,8 +91,7 @@ def evaluate(
         if out is not None:
             make_folder(out)
             for run in runs.values():
-                write_image(out / f"{figures}.png", report.figure(run, samples[0]))
-                figures += 1
+                write_image(out / f"{next(numbers)}.png", report.figure(run, samples[0]))
     text = report.splits_markdown(list(results.values())) if splits else report.markdown(results)
     if out is not None:
         write_atomically(out / "results.md", text.encode())
