@@ -48,10 +48,20 @@ class Lines {
     p += begin * column_stride;
     const int64_t later = (scan.descending ? -2 : 2) * block * column_stride;
     for (int64_t r = 0; r < scan.length; r += block) {
-      vec<A> tile[block] = {};
-      for (int64_t i = 0; i < block && r + i < scan.length; ++i) {
+      const int64_t rows = scan.length - r;
+      vec<A> tile[block];
+      for (int64_t i = 0; i < block && i < rows; ++i) {
         __builtin_prefetch(p + (r + i) * row_stride + later);  // no machine foresees this walk
-        tile[i] = read_vector(p + (r + i) * row_stride, column_stride, count);
+      }
+      if (sizeof(T) == sizeof(A) && column_stride == 1) {
+        const LaneRange<A> columns(0, static_cast<int>(count));
+        const A* row = reinterpret_cast<const A*>(p + r * row_stride);
+#pragma GCC unroll 16
+        for (int64_t i = 0; i < block; ++i) tile[i] = i < rows ? load(row + i * row_stride, columns) : vec<A>{};
+      } else {
+        for (int64_t i = 0; i < block; ++i) {
+          tile[i] = i < rows ? read_vector(p + (r + i) * row_stride, column_stride, count) : vec<A>{};
+        }
       }
       transpose<A>(tile);
       for (int64_t i = 0; i < block; ++i) store(lines[i] + r, tile[i]);
@@ -119,11 +129,11 @@ void spatial_propagation(const SpatialPropagation<T>& a, int threads) {
     constexpr int64_t block = Lines<A>::block;
     const int64_t R = scan.length;
     Lines<A> input(R), out(R), before(R), gates[3] = {Lines<A>(R), Lines<A>(R), Lines<A>(R)};
-    A* const previous = before[0];
     for (int64_t channel = begin; channel < end; ++channel) {
       const int64_t n = channel / C, c = channel % C;
       const int64_t* stride = a.input.stride;
-      fill_zero<A>(previous, R);
+      const A* previous = before[0];
+      fill_zero<A>(before[0], R);
       for (int64_t done = 0; done < scan.steps; done += block) {
         const int64_t count = scan.steps - done < block ? scan.steps - done : block;
         const int64_t t = scan.descending ? scan.steps - done - count : done;
@@ -138,8 +148,11 @@ void spatial_propagation(const SpatialPropagation<T>& a, int threads) {
             h[r] = (1 - g0[r] - g1[r] - g2[r]) * x[r] + g0[r] * previous[r - 1] + g1[r] * previous[r] +
                    g2[r] * previous[r + 1];
           }
-          std::memcpy(previous, h, R * sizeof(A));
+          previous = h;
         }
+        // Its line of the block will be written again.
+        std::memcpy(before[0], previous, R * sizeof(A));
+        previous = before[0];
         out.write(scan, a.out + channel * H * W, t, count);
       }
     }
