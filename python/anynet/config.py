@@ -27,6 +27,10 @@ class AnyNetConfig:
         cost_layers: its convolutions between the first and the last one.
         hourglass: halvings of the first stage's volume in the middle of its disparity network, which see wide
             surfaces as a whole; the paper: 0.
+        finer_costs: the first stage also compares features of twice its resolution, those of the U-Net's way down, by a
+            cost volume that is halved into its own. So it can tell things thinner than its pixels. The paper: False.
+        guided: the left image's features say, pixel by pixel, which channels count inside the first stage's disparity
+            network; the paper: False.
         ranges: the disparities (first stage) and residuals (later ones) to test, per stage: first and last, in pixels
             of that stage's resolution.
         spn_channels: channels of the spatial propagation.
@@ -48,6 +52,8 @@ class AnyNetConfig:
     cost_channels: tuple[int, ...] = (16, 4, 4)
     cost_layers: int = 4
     hourglass: int = 0
+    finer_costs: bool = False
+    guided: bool = False
     ranges: tuple[tuple[int, int], ...] = ((0, 11), (-2, 2), (-2, 2))
     spn_channels: int = 8
     spn_directions: tuple[int, ...] = (0,)

@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, mismatch_guide
+from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, gates_of, halved, mismatch_guide
 
 # The operators themselves: what is passed to them here needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -26,8 +26,12 @@ class _Layer:
     stride: int = 1
     relu_in: bool = False
     relu_out: bool = False
+    gate: _Layer | None = None
 
-    def __call__(self, x: Tensor) -> Tensor:
+    def __call__(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
+        if self.gate is not None:  # the layer before made x, for this one alone; gates and ReLU can change places
+            assert guide is not None
+            x.mul_(gates_of(self.gate(guide)))
         if max(self.weight.shape[:2]) > 32:
             return self._large(x)
         op = _ops.conv3x3.default if self.weight.dim() == 4 else _ops.conv3x3x3.default
@@ -51,8 +55,9 @@ class _Hourglass:
     scale: Tensor
     shift: Tensor
 
-    def __call__(self, x: Tensor) -> Tensor:
-        out: Tensor = _ops.upsample_add.default(x, _run(self.layers, x), self.scale, self.shift)
+    def __call__(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
+        inner = _run(self.layers, x, None if guide is None else halved(guide))
+        out: Tensor = _ops.upsample_add.default(x, inner, self.scale, self.shift)
         return out
 
 
@@ -79,7 +84,8 @@ def _chain(modules: Iterable[nn.Module], activated: bool = False) -> list[_Layer
             continue
         assert isinstance(module, PreActivation)
         scale, shift = _affine(module.norm)
-        layer = _Layer(module.conv.weight, stride=module.conv.stride)
+        gate = None if module.gate is None else _Layer(module.gate.weight)
+        layer = _Layer(module.conv.weight, stride=module.conv.stride, gate=gate)
         if hourglass is not None:
             inside = _chain([hourglass.halve, *hourglass.inside, hourglass.last])
             layers.append(_Hourglass(inside, scale, shift))
@@ -87,12 +93,16 @@ def _chain(modules: Iterable[nn.Module], activated: bool = False) -> list[_Layer
         elif layers:
             before = layers[-1]
             assert isinstance(before, _Layer)
-            weight = before.weight * scale.view([-1] + [1] * (before.weight.dim() - 1))
-            layers[-1] = replace(before, weight=weight.contiguous(), bias=shift, relu_out=True)
+            layers[-1] = replace(before, weight=_scaled(before.weight, scale), bias=shift, relu_out=True)
         elif not activated:
             layer = replace(layer, scale=scale, shift=shift, relu_in=True)
         layers.append(layer)
     return layers
+
+
+def _scaled(weight: Tensor, scale: Tensor) -> Tensor:
+    """The kernels of a convolution whose outputs are multiplied by `scale`."""
+    return (weight * scale.view([-1] + [1] * (weight.dim() - 1))).contiguous()
 
 
 def _mirrored(layer: _Layer | _Hourglass) -> _Layer:
@@ -101,9 +111,9 @@ def _mirrored(layer: _Layer | _Hourglass) -> _Layer:
     return replace(layer, weight=torch.flip(layer.weight, (2,)))
 
 
-def _run(layers: Sequence[_Layer | _Hourglass], x: Tensor) -> Tensor:
+def _run(layers: Sequence[_Layer | _Hourglass], x: Tensor, guide: Tensor | None = None) -> Tensor:
     for layer in layers:
-        x = layer(x)
+        x = layer(x, guide)
     return x
 
 
@@ -141,6 +151,14 @@ class InferenceGraph:
             for part in (features.down, features.up)
         )
         self._cost_nets = [_chain(chain.children()) for chain in model.cost_nets]
+        self._finer = None
+        if model.finer_costs is not None:  # what it gives is added before the ReLU
+            (finer,) = _chain([model.finer_costs])
+            first = self._cost_nets[0][0]
+            assert isinstance(finer, _Layer)
+            assert isinstance(first, _Layer)
+            self._finer = replace(finer, weight=_scaled(finer.weight, _affine(model.cost_nets[0][1].norm)[0]))  # type: ignore[index]
+            self._cost_nets[0][0] = replace(first, relu_out=False)
         self._ranges = list(self.config.ranges)
         self._signs = [1.0] * len(self._ranges)
         if self.config.reversed_residuals:
@@ -175,16 +193,20 @@ class InferenceGraph:
         def enlarge(maps: list[Tensor], scales: list[int]) -> Callable[[], Tensor]:
             return lambda: _ops.upsample_sum.default(maps, scales, 1.0, height, width)
 
-        for i, features in enumerate(self._features(left, right)):
+        skips = self._encode(left, right)
+        finer = skips[-2] if self._finer is not None else None
+        for i, features in enumerate(self._decode(skips)):
             scale = self.config.stride >> i
             disparity = self._sum_at(scale, maps, scales, features.shape[2:]) if i else None
             first, last = self._ranges[i]
-            groups = self.config.groups
-            of_left, of_right = features.view(2, groups, -1, *features.shape[2:])
-            if disparity is not None and groups > 1:
-                disparity = disparity.repeat(groups, 1, 1, 1)
-            volume = _ops.cost_volume.default(of_left, of_right, disparity, first, last)
-            cost = _run(self._cost_nets[i], volume[None])[:, 0]
+            if disparity is not None and self.config.groups > 1:
+                disparity = disparity.repeat(self.config.groups, 1, 1, 1)
+            layers = self._cost_nets[i]
+            x = layers[0](self._volume(features, disparity, first, last))
+            if self._finer is not None and finer is not None:
+                x.add_(self._finer(self._volume(finer, None, 2 * first, 2 * last + 1))).relu_()
+                finer = None
+            cost = _run(layers[1:], x, features[:1])[:, 0]
             residual = _ops.soft_argmin.default(cost, first)[0, 0]
             maps = [*maps, residual.mul_(scale * self._signs[i])]
             scales = [*scales, scale]
@@ -193,14 +215,25 @@ class InferenceGraph:
         disparity += _blur(maps[-1], scales[-1])
         yield enlarge([self._refine(left, right, disparity)], scales[-1:])
 
-    def _features(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
-        """[2, C, h, w] per stage: of the left image and the right one."""
+    def _volume(self, features: Tensor, disparity: Tensor | None, first: int, last: int) -> Tensor:
+        """[1, groups, D, h, w] of the features [2, C, h, w] of both images."""
+        of_left, of_right = features.view(2, self.config.groups, -1, *features.shape[2:])
+        out: Tensor = _ops.cost_volume.default(of_left, of_right, disparity, first, last)
+        return out[None]
+
+    def _encode(self, left: Tensor, right: Tensor) -> list[Tensor]:
+        """The way down: [2, C, h, w] of the left image and the right one, finest first."""
         x = _ops.stem.default(left, right, *self._stem)
         skips: list[Tensor] = []
         for i, layers in enumerate(self._down):
             x = _run(layers, _ops.max_pool.default(x, *self._down_affine[i]) if i else x)
             skips.append(x)
-        yield skips.pop()
+        return skips
+
+    def _decode(self, skips: list[Tensor]) -> Iterator[Tensor]:
+        """The way up: the stages' features."""
+        x = skips.pop()
+        yield x
         for i, layers in enumerate(self._up):
             x = _run(layers, _ops.upsample_concat.default(skips.pop(), x, *self._up_affine[i]))
             yield x

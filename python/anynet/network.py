@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice, pairwise
 
 import torch
@@ -38,16 +38,31 @@ class Convolution(nn.Module):
 
 
 class PreActivation(nn.Module):
-    """Batch norm, ReLU, convolution."""
+    """Batch norm, ReLU, convolution.
 
-    def __init__(self, inputs: int, outputs: int, *, dims: int = 2, stride: int = 1) -> None:
+    guide: channels of a picture that says, pixel by pixel, which channels of the volume count (0: none is given). Begins
+        as the identity (Bangunharcana et al., "Correlate-and-excite", arXiv 2108.05773).
+    """
+
+    def __init__(self, inputs: int, outputs: int, *, dims: int = 2, stride: int = 1, guide: int = 0) -> None:
         super().__init__()
         self.norm = nn.BatchNorm3d(inputs) if dims == 3 else nn.BatchNorm2d(inputs)
         self.conv = Convolution(inputs, outputs, dims=dims, stride=stride)
+        self.gate = Convolution(guide, inputs) if guide else None
+        if self.gate is not None:
+            nn.init.zeros_(self.gate.weight)
 
-    def forward(self, x: Tensor) -> Tensor:
-        out: Tensor = self.conv(self.norm(x), relu_in=True)
+    def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
+        x = self.norm(x)
+        if self.gate is not None:
+            x = x * gates_of(self.gate(guide))
+        out: Tensor = self.conv(x, relu_in=True)
         return out
+
+
+def gates_of(picture: Tensor) -> Tensor:
+    """[N, C, H, W], any values, to factors of a volume [N, C, D, H, W]: 0 to 2."""
+    return (2 * picture.sigmoid())[:, :, None]
 
 
 def chain(channels: list[int], dims: int = 2) -> nn.Sequential:
@@ -60,17 +75,30 @@ class Hourglass(nn.Module):
     Begins as the identity. Inside, it has twice the volume's channels, on every level.
     """
 
-    def __init__(self, channels: int, inner: int, levels: int) -> None:
+    def __init__(self, channels: int, inner: int, levels: int, guide: int = 0) -> None:
         super().__init__()
         self.halve = PreActivation(channels, inner, dims=3, stride=2)
-        self.inside = nn.Sequential(PreActivation(inner, inner, dims=3))
+        self.inside = nn.Sequential(PreActivation(inner, inner, dims=3, guide=guide))
         if levels > 1:
-            self.inside.append(Hourglass(inner, inner, levels - 1))
+            self.inside.append(Hourglass(inner, inner, levels - 1, guide))
         self.last = PreActivation(inner, channels, dims=3)
         nn.init.zeros_(self.last.conv.weight)
 
-    def forward(self, x: Tensor) -> Tensor:
-        return enlarged(self.last(self.inside(self.halve(x))), add=x)
+    def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
+        inner = run(self.inside, self.halve(x), None if guide is None else halved(guide))
+        return enlarged(self.last(inner), add=x)
+
+
+def halved(picture: Tensor) -> Tensor:
+    """A cost network's guide, in the size of the volume halved."""
+    return F.avg_pool2d(picture, 2, ceil_mode=True)
+
+
+def run(layers: Iterable[nn.Module], x: Tensor, guide: Tensor | None = None) -> Tensor:
+    """Layers of a cost network, one after another; `guide` [N, C, H, W] is for those that want one."""
+    for layer in layers:
+        x = layer(x, guide)
+    return x
 
 
 def enlarged(volume: Tensor, add: Tensor) -> Tensor:
@@ -80,18 +108,22 @@ def enlarged(volume: Tensor, add: Tensor) -> Tensor:
     return resize(planes, (depth, height * width), add=add.view(n, c, depth, -1)).view_as(add)
 
 
-def cost_net(groups: int, channels: int, layers: int, hourglass: int = 0) -> nn.Sequential:
+def cost_net(groups: int, channels: int, layers: int, hourglass: int = 0, guide: int = 0) -> nn.Sequential:
     """A cost volume [N, groups, D, H, W] to costs [N, 1, D, H, W]."""
     net = chain([groups] + [channels] * (layers + 1) + [1], dims=3)
+    middle = 1 + (layers + 1) // 2
+    if guide:
+        for i in {1, middle}:
+            net[i] = PreActivation(*net[i].conv.weight.shape[1::-1], dims=3, guide=guide)
     with torch.no_grad():  # begins undecided: small costs, so that no random one wins the softmax
         net.get_parameter(f"{layers + 1}.conv.weight").mul_(0.1)
     if hourglass:
-        net.insert(1 + (layers + 1) // 2, Hourglass(channels, 2 * channels, hourglass))
+        net.insert(middle, Hourglass(channels, 2 * channels, hourglass, guide))
     return net
 
 
 class UNet(nn.Module):
-    """Features from coarse to fine (Fig. 2 of the paper); iterating computes no finer level than was asked for."""
+    """Features from coarse to fine (Fig. 2 of the paper)."""
 
     def __init__(self, config: AnyNetConfig) -> None:
         super().__init__()
@@ -106,13 +138,20 @@ class UNet(nn.Module):
             chain([widths[i] + widths[i + 1]] + [widths[i]] * config.layers) for i in reversed(range(config.blocks))
         )
 
-    def forward(self, image: Tensor) -> Iterator[Tensor]:
+    def encode(self, image: Tensor) -> list[Tensor]:
+        """The way down: [N, C, h, w] at 1/4, 1/8, ..."""
         x = self.halve(self.first(image))
         skips = []
         for block in self.down:
             x = block(F.max_pool2d(x, 2))
             skips.append(x)
-        yield skips.pop()
+        return skips
+
+    def decode(self, skips: list[Tensor]) -> Iterator[Tensor]:
+        """The way up: features, coarsest first; iterating computes no finer level than was asked for, and takes `skips`
+        apart."""
+        x = skips.pop()
+        yield x
         for block in self.up:
             skip = skips.pop()
             x = resize(x, (skip.shape[2], skip.shape[3]), align_corners=True)
@@ -205,10 +244,16 @@ class AnyNet(nn.Module):
         super().__init__()
         self.config = config or AnyNetConfig()
         self.features = UNet(self.config)
+        c = self.config
+        guide = c.channels * 2 ** (c.blocks + 1) if c.guided else 0
         self.cost_nets = nn.ModuleList(
-            cost_net(self.config.groups, channels, self.config.cost_layers, 0 if i else self.config.hourglass)
-            for i, channels in enumerate(self.config.cost_channels)
+            cost_net(c.groups, channels, c.cost_layers, *((0, 0) if i else (c.hourglass, guide)))
+            for i, channels in enumerate(c.cost_channels)
         )
+        self.finer_costs = None
+        if c.finer_costs:
+            self.finer_costs = PreActivation(c.groups, c.cost_channels[0], dims=3, stride=2)
+            nn.init.zeros_(self.finer_costs.conv.weight)
         self.refinement = Refinement(self.config)
 
     def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
@@ -239,23 +284,26 @@ class AnyNet(nn.Module):
         images = torch.cat([left, right])
         if self.config.input_scale > 1:
             images = resize(images, (height * self.config.input_scale, width * self.config.input_scale))
-        groups = self.config.groups
+        skips = self.features.encode(images)
+        finer = skips[-2] if self.finer_costs is not None else None
         estimate: Tensor | None = None
-        for features, net, (first, last) in zip(self.features(images), self.cost_nets, self.config.ranges, strict=True):
+        for features, net, (first, last) in zip(
+            self.features.decode(skips), self.cost_nets, self.config.ranges, strict=True
+        ):
             small = features.shape[2:]
-            # The groups of a pair's channels go as so many pairs.
-            of_left, of_right = features.reshape(2, -1, features.shape[1] // groups, *small)
             scale = height // small[0]
             if estimate is None:
-                volume = cost_volume(of_left, of_right, None, first, last)
+                x = net[0](self._volume(features, None, first, last))
+                if self.finer_costs is not None:
+                    x = x + self.finer_costs(self._volume(finer, None, 2 * first, 2 * last + 1))
+                cost = run(list(net)[1:], x, features[: len(left)])[:, 0]
             else:
                 known = resize(estimate, (small[0], small[1]), scale=1 / scale)
-                known = known.repeat_interleave(groups, 0)
                 if self.config.reversed_residuals:
-                    volume = cost_volume(of_left, of_right, known, -last, -first).flip(1)
+                    volume = self._volume(features, known, -last, -first).flip(2)
                 else:
-                    volume = cost_volume(of_left, of_right, known, first, last)
-            cost = net(volume.view(len(left), groups, *volume.shape[1:]))[:, 0]
+                    volume = self._volume(features, known, first, last)
+                cost = run(net, volume)[:, 0]
             estimate = resize(soft_argmin(cost, first), (height, width), scale=scale, add=estimate)
             yield estimate
         assert estimate is not None
@@ -266,3 +314,13 @@ class AnyNet(nn.Module):
         if self.config.spn_mismatch:
             guide = mismatch_guide(guide, resize(right, finest), estimate.detach() / self.config.finest)
         yield resize(self.refinement(guide, estimate), (height, width))
+
+    def _volume(self, features: Tensor, known: Tensor | None, first: int, last: int) -> Tensor:
+        """[N, groups, D, h, w] from the features [2N, C, h, w] of all left and then all right images."""
+        groups, (_, c, *size) = self.config.groups, features.shape
+        # The groups of a pair's channels go as so many pairs.
+        left, right = features.reshape(2, -1, c // groups, *size)
+        if known is not None:
+            known = known.repeat_interleave(groups, 0)
+        volume = cost_volume(left, right, known, first, last)
+        return volume.view(-1, groups, *volume.shape[1:])

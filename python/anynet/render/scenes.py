@@ -221,6 +221,25 @@ class Scene:
             low = crown + np.array([0, height * 0.1, 0])
             self.bush(low, height * rng.uniform(0.5, 0.9), height - trunk, int(rng.integers(2, 5)))
 
+    def plant(self, foot: Vector, size: float) -> None:
+        """Long leaves that bend outwards from one foot, also towards and away from the cameras."""
+        rng = self.rng
+        material = self.material(("foliage", "noise", "plain", "leaves"), size * 0.5, weak=0.4)
+        for _ in range(rng.integers(5, 22)):
+            azimuth, rise = rng_angle(rng), rng.uniform(0.2, 1.5)
+            length = size * rng.uniform(0.4, 1.0)
+            radius, start = length * rng.uniform(0.02, 0.06), foot
+            leaf = material.lit(rng.uniform(0.6, 1.2))
+            # A thick half, and one that ends in a tip.
+            for taper in (-0.3, -0.95):
+                frame = rotation(azimuth, rise)
+                axis = -frame[:, 2]
+                radius /= 1 - taper
+                flat = (radius, radius * rng.uniform(0.4, 1), length / 4)
+                self.quadric(start + axis * length / 4, -frame, flat, leaf, flat=0, taper=taper)
+                start, radius = start + axis * length / 2, radius * (1 + taper)
+                rise += rng.uniform(-0.5, 0.2)
+
     def person(self, foot: Vector, height: float) -> None:
         rng, upright = self.rng, rotation(rng_angle(self.rng)) @ rotation(0, np.pi / 2)
         cloth = ("plain", "noise", "fabric", "stripes", "photo")
@@ -299,7 +318,7 @@ class Scene:
         foot = centre + spin[:, 1] * size / 2
         gloss = self.some_gloss(0.15)
         aspect = float(rng.uniform(0.4, 1.6))
-        kind = rng.choice(9, p=[0.22, 0.16, 0.14, 0.12, 0.08, 0.12, 0.06, 0.06, 0.04])
+        kind = rng.choice(10, p=[0.22, 0.16, 0.13, 0.12, 0.07, 0.11, 0.05, 0.05, 0.03, 0.06])
         if kind == 0:
             self.box(
                 foot,
@@ -372,8 +391,10 @@ class Scene:
                 self.material(ANY, size, weak=0.4),
                 self.shape("fence", "wires", "ring"),
             )
-        else:
+        elif kind == 8:
             self.bush(foot, size, size, 3)
+        else:
+            self.plant(foot, size)
 
 
 def rng_angle(rng: Rng) -> float:
@@ -600,6 +621,13 @@ def room(rng: Rng, height: int, width: int) -> Scene:
             scene.material(ANY, side, opacity=rng.choice([1, 1, 0.4])),
             cutout,
         )
+    for _ in range(rng.integers(0, 6)):  # shadows and light falling off
+        spot = centre + frame @ (
+            np.array([rng.uniform(-0.15, 0.15) * wide, rng.uniform(-0.15, 0.15) * tall, -z * 2.5e-3])
+        )
+        dark = Material("plain", 0, table=np.zeros((256, 1, 3), np.uint8), opacity=rng.uniform(0.05, 0.35))
+        wideness, tallness = tall * np.exp(rng.uniform(np.log(0.03), np.log(0.5), 2))
+        scene.card(spot, wideness, tallness, frame, dark, scene.shape("soft"))
     table = None
     if rng.random() < 0.65:
         row = camera.cy + rng.uniform(0.15, 0.45) * height

@@ -123,14 +123,17 @@ class _Run:
         else:
             self.model = AnyNet(recipe.network)
         self.model.to(group.device).train()
+        weights = recipe.stage_weights_of(self.model.config.stages)
+        self.stages = max(stage for stage, weight in enumerate(weights, 1) if weight > 0)
+        self.stage_weights = torch.tensor(weights[: self.stages], device=group.device)
         averaging = get_ema_multi_avg_fn(recipe.averaging)  # type: ignore[no-untyped-call]
         self.average = AveragedModel(self.model, multi_avg_fn=averaging, use_buffers=True)
         self.parallel: nn.Module = self.model
         if group.count > 1:
             synchronise_batch_norm(self.model, group.device)
-            self.parallel = DistributedDataParallel(self.model, broadcast_buffers=False)
+            unused = self.stages < self.model.config.stages
+            self.parallel = DistributedDataParallel(self.model, broadcast_buffers=False, find_unused_parameters=unused)
         self.optimizer = torch.optim.Adam(self.model.parameters(), recipe.rate, fused=True)
-        self.stage_weights = torch.tensor(recipe.stage_weights_of(self.model.config.stages), device=group.device)
         self.step = 0
         if (out / CHECKPOINT).exists():
             self._restore()
@@ -167,7 +170,7 @@ class _Run:
         weights = loss_weights(disparity, weights)
         total = group.total(weights.sum()).clamp(min=1)
         with torch.autocast(group.device.type, torch.bfloat16, enabled=recipe.amp):
-            outputs = self.parallel(_normalised(left), _normalised(right))
+            outputs = self.parallel(_normalised(left), _normalised(right), self.stages)
         losses = stage_losses(outputs, disparity, weights, total)
         # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
         (group.count * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]

@@ -40,7 +40,7 @@ class Recipe:
     schedule: Schedule = _option("cosine", "Rate over the run: constant, step (a tenth after --drop-at) or cosine.")
     warm_up: int = _option(0, "Steps over which the rate grows linearly to its value.")
     drop_at: float = _option(2 / 3, "Fraction of the run after which the step schedule divides the rate by 10.")
-    stage_weights: tuple[float, ...] = _option((), "Weight of each stage's loss. Default: 0.25, 0.5, and then 1.")
+    stage_weights: tuple[float, ...] = _option((), "Weight of each stage's loss; last ones of 0 are not computed. Default: 0.25, 0.5, 1...")
     occluded_weight: float = _option(1.0, "Weight in the loss of pixels that the right crop does not show.")
     clip: float = _option(5.0, "Largest norm of the gradient; longer ones are scaled down. 0: as they are.")
     averaging: float = _option(0.0, "Decay of the running average of the weights that is kept; 0 keeps the last.")
@@ -85,6 +85,8 @@ class Recipe:
         weights = self.stage_weights or (0.25, 0.5, *[1.0] * (stages - 2))
         if len(weights) != stages:
             raise AnyNetError(f"stage_weights: expected {stages}, one per stage, got {len(weights)}")
+        if min(weights) < 0 or not any(weights):
+            raise AnyNetError(f"stage_weights: expected none below 0 and one above, got {weights}")
         return weights
 
     def rate_at(self, step: int, steps: int) -> float:
