@@ -114,6 +114,28 @@ def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) ->
     return out
 
 
+def activated_cost_volume(
+    left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
+) -> Tensor:
+    """`relu(scale * cost_volume + shift)`: as far as the disparity network's first convolution.
+
+    Args:
+        left: [N, C, H, W] float32, contiguous; the G groups of channels of a pair go as so many pairs.
+        right: [N, C, H, W] float32.
+        disparity: [N, 1, H, W] or None.
+        first, last: the offsets to compare at.
+        scale, shift: [G], for pair n those at n % G.
+
+    Returns:
+        [N, last - first + 1, H, W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype or shape.
+    """
+    out: Tensor = torch.ops.anynet.activated_cost_volume(left, right, disparity, first, last, scale, shift)
+    return out
+
+
 def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     """`relu(scale * max_pool2x2(input) + shift)`: [N, C, H, W], [C], [C] -> [N, C, H // 2, W // 2], float32."""
     out: Tensor = torch.ops.anynet.max_pool(input, scale, shift)
@@ -200,6 +222,13 @@ def _fake_upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tens
     return torch.empty_like(input, memory_format=torch.contiguous_format)
 
 
+def _fake_activated_cost_volume(
+    left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
+) -> Tensor:
+    n, _, h, w = left.shape
+    return left.new_empty(n, last - first + 1, h, w)
+
+
 def _fake_max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     n, c, h, w = input.shape
     return input.new_empty(n, c, h // 2, w // 2)
@@ -226,6 +255,7 @@ for _fake in (
     _fake_upsample_sum,
     _fake_upsample_concat,
     _fake_upsample_add,
+    _fake_activated_cost_volume,
     _fake_max_pool,
     _fake_normalised_propagation,
     _fake_fill_hidden,

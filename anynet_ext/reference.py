@@ -177,6 +177,15 @@ def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) ->
     return _affine_relu(input + F.interpolate(coarse, input.shape[2:], mode="trilinear"), scale, shift)
 
 
+def activated_cost_volume(
+    left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
+) -> Tensor:
+    """relu(scale * cost_volume + shift), pair n with those at n % len(scale)"""
+    volume = cost_volume(left, right, disparity, first, last)
+    pairs = volume.unflatten(0, (len(volume) // len(scale), len(scale)))
+    return _affine_relu(pairs, scale, shift).flatten(0, 1)
+
+
 def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     """relu(scale * max_pool2x2(input) + shift)"""
     return _affine_relu(F.max_pool2d(input, 2), scale, shift)

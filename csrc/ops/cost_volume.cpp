@@ -18,7 +18,7 @@ View4<const T> view(const std::optional<Tensor>& t) {
 
 Tensor cost_volume(const Tensor& left, const Tensor& right, const std::optional<Tensor>& disparity, int64_t first,
                    int64_t last) {
-  check_cost_volume(left, right, disparity, first, last);
+  check_cost_volume("cost_volume", left, right, disparity, first, last);
   const int64_t count = last - first + 1;
   Tensor out = empty_like(left, {left.size(0), count, left.size(2), left.size(3)});
   dispatch(left.scalar_type(), "cost_volume", [&](auto t) {

@@ -2,7 +2,9 @@
 
 #include <vector>
 
+#include "../kernels/cost_volume/cost_volume.h"
 #include "../kernels/spatial_propagation/spatial_propagation.h"
+#include "cost_volume.h"
 #include "inference.h"
 #include "spatial_propagation.h"
 
@@ -69,6 +71,29 @@ Tensor upsample_add(const Tensor& input, const Tensor& coarse, const Tensor& sca
   return out;
 }
 
+Tensor activated_cost_volume(const Tensor& left, const Tensor& right, const std::optional<Tensor>& disparity,
+                             int64_t first, int64_t last, const Tensor& scale, const Tensor& shift) {
+  check_contiguous("activated_cost_volume", "left", left, 4);
+  check_cost_volume("activated_cost_volume", left, right, disparity, first, last);
+  const int64_t groups = scale.numel();
+  check_affine("activated_cost_volume", scale, shift, groups, left);
+  ANYNET_CHECK(groups > 0 && left.size(0) % groups == 0,
+               "activated_cost_volume: expected a scale for each of left's groups, got ", groups, " for left ",
+               shape(left));
+  Tensor out = empty_like(left, {left.size(0), last - first + 1, left.size(2), left.size(3)});
+  const CostVolume<float> args{view<float>(left),
+                               view<float>(right),
+                               disparity.has_value() ? view<float>(*disparity) : View4<const float>{},
+                               first,
+                               last - first + 1,
+                               data<float>(out),
+                               data<float>(scale),
+                               data<float>(shift),
+                               groups};
+  anynet::cost_volume(chosen_isa(), args, num_threads());
+  return out;
+}
+
 Tensor max_pool(const Tensor& input, const Tensor& scale, const Tensor& shift) {
   check_contiguous("max_pool", "input", input, 4);
   check_affine("max_pool", scale, shift, input.size(1), input);
@@ -124,6 +149,10 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
         {at::Tag::pt2_compliant_tag});
   m.def("upsample_add(Tensor input, Tensor coarse, Tensor scale, Tensor shift) -> Tensor",
         {at::Tag::pt2_compliant_tag});
+  m.def(
+      "activated_cost_volume(Tensor left, Tensor right, Tensor? disparity, int first, int last, Tensor scale, "
+      "Tensor shift) -> Tensor",
+      {at::Tag::pt2_compliant_tag});
   m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("fill_hidden(Tensor disparity, float pixel) -> Tensor", {at::Tag::pt2_compliant_tag});
@@ -137,6 +166,7 @@ STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
   m.impl("upsample_sum", TORCH_BOX(&upsample_sum));
   m.impl("upsample_concat", TORCH_BOX(&upsample_concat));
   m.impl("upsample_add", TORCH_BOX(&upsample_add));
+  m.impl("activated_cost_volume", TORCH_BOX(&activated_cost_volume));
   m.impl("max_pool", TORCH_BOX(&max_pool));
   m.impl("normalised_propagation", TORCH_BOX(&normalised_propagation));
   m.impl("fill_hidden", TORCH_BOX(&fill_hidden));

@@ -150,10 +150,12 @@ class InferenceGraph:
             [_affine(chain[0].norm) for chain in part]  # type: ignore[index]
             for part in (features.down, features.up)
         )
-        self._cost_nets = [_chain(chain.children()) for chain in model.cost_nets]
+        self._cost_nets = [_chain(chain.children(), activated=True) for chain in model.cost_nets]
+        self._cost_affine = [_affine(chain[0].norm) for chain in model.cost_nets]  # type: ignore[index]
         self._finer = None
         if model.finer_costs is not None:  # what it gives is added before the ReLU
-            (finer,) = _chain([model.finer_costs])
+            (finer,) = _chain([model.finer_costs], activated=True)
+            self._finer_affine = _affine(model.finer_costs.norm)
             first = self._cost_nets[0][0]
             assert isinstance(finer, _Layer)
             assert isinstance(first, _Layer)
@@ -199,12 +201,10 @@ class InferenceGraph:
             scale = self.config.stride >> i
             disparity = self._sum_at(scale, maps, scales, features.shape[2:]) if i else None
             first, last = self._ranges[i]
-            if disparity is not None and self.config.groups > 1:
-                disparity = disparity.repeat(self.config.groups, 1, 1, 1)
             layers = self._cost_nets[i]
-            x = layers[0](self._volume(features, disparity, first, last))
+            x = layers[0](self._volume(features, disparity, first, last, self._cost_affine[i]))
             if self._finer is not None and finer is not None:
-                x.add_(self._finer(self._volume(finer, None, 2 * first, 2 * last + 1))).relu_()
+                x.add_(self._finer(self._volume(finer, None, 2 * first, 2 * last + 1, self._finer_affine))).relu_()
                 finer = None
             cost = _run(layers[1:], x, features[:1])[:, 0]
             residual = _ops.soft_argmin.default(cost, first)[0, 0]
@@ -215,10 +215,15 @@ class InferenceGraph:
         disparity += _blur(maps[-1], scales[-1])
         yield enlarge([self._refine(left, right, disparity)], scales[-1:])
 
-    def _volume(self, features: Tensor, disparity: Tensor | None, first: int, last: int) -> Tensor:
-        """[1, groups, D, h, w] of the features [2, C, h, w] of both images."""
-        of_left, of_right = features.view(2, self.config.groups, -1, *features.shape[2:])
-        out: Tensor = _ops.cost_volume.default(of_left, of_right, disparity, first, last)
+    def _volume(
+        self, features: Tensor, disparity: Tensor | None, first: int, last: int, affine: tuple[Tensor, Tensor]
+    ) -> Tensor:
+        """[1, groups, D, h, w] of the features [2, C, h, w] of both images, through an affine and ReLU."""
+        groups = self.config.groups
+        of_left, of_right = features.view(2, groups, -1, *features.shape[2:])
+        if disparity is not None:
+            disparity = disparity.expand(groups, -1, -1, -1)
+        out: Tensor = _ops.activated_cost_volume.default(of_left, of_right, disparity, first, last, *affine)
         return out[None]
 
     def _encode(self, left: Tensor, right: Tensor) -> list[Tensor]:

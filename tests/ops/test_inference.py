@@ -64,6 +64,15 @@ def test_upsample_add(size: tuple[int, int, int], coarse_size: tuple[int, int, i
     check("upsample_add", random(2, 3, *size), random(2, 3, *coarse_size), random(3), random(3), atol=1e-5)
 
 
+@pytest.mark.parametrize("around", [False, True])
+@pytest.mark.parametrize("groups", [1, 2])
+@pytest.mark.parametrize("shape", [(2, 3, 5, 70), (4, 1, 1, 1), (0, 2, 3, 4), (2, 2, 3, 0)])
+def test_activated_cost_volume(shape: tuple[int, ...], groups: int, around: bool) -> None:
+    disparity = 3 * random(1, 1, *shape[2:]).expand(shape[0], -1, -1, -1) if around else None
+    affine = random(groups), random(groups + 1)[1:].clone()
+    check("activated_cost_volume", random(*shape), random(*shape) + 1, disparity, -1, 6, *affine, atol=1e-5)
+
+
 @pytest.mark.parametrize("size", [(2, 2), (5, 3), (12, 70)])
 def test_max_pool(size: tuple[int, int]) -> None:
     check("max_pool", random(2, 3, *size), random(3), random(3), rtol=None, atol=None)
@@ -112,6 +121,7 @@ def test_operators_are_good_citizens() -> None:
         (ops.upsample_sum, ([random(2, 3), random(4, 6)], [4, 2], 0.5, 8, 11)),
         (ops.upsample_concat, (random(1, 2, 4, 4), random(1, 1, 2, 2), random(3), random(3))),
         (ops.upsample_add, (random(1, 2, 2, 4, 4), random(1, 2, 1, 2, 2), random(2), random(2))),
+        (ops.activated_cost_volume, (*random(2, 2, 1, 4, 9), random(2, 1, 4, 9), 0, 3, random(2), random(2))),
         (ops.max_pool, (random(1, 2, 4, 4), random(2), random(2))),
         (ops.normalised_propagation, (random(1, 2, 4, 4), random(1, 3, 2, 4, 4), 2)),
         (ops.fill_hidden, (10 * random(1, 1, 4, 30), 2.0)),
@@ -147,6 +157,10 @@ def test_errors() -> None:
         inference.upsample_concat(random(1, 2, 4, 4), random(1, 1, 2, 2), random(2), random(2))
     with pytest.raises(RuntimeError, match=r"coarse of input's batch size and channels.* got \[1, 3, 1, 2, 2\]"):
         inference.upsample_add(random(1, 2, 2, 4, 4), random(1, 3, 1, 2, 2), random(2), random(2))
+    with pytest.raises(RuntimeError, match=r"a scale for each of left's groups, got 2 for left \[3, 1, 2, 2\]"):
+        inference.activated_cost_volume(*random(2, 3, 1, 2, 2), None, 0, 3, random(2), random(2))
+    with pytest.raises(RuntimeError, match="activated_cost_volume: expected first <= last, got first 3 and last 0"):
+        inference.activated_cost_volume(*random(2, 2, 1, 2, 2), None, 3, 0, random(2), random(2))
     with pytest.raises(RuntimeError, match="input as contiguous float32 tensor of 4 dimensions"):
         inference.max_pool(random(2, 4, 4), random(2), random(2))
     with pytest.raises(RuntimeError, match=r"gates of shape \[1, 3, 1, 2, 2\], got \[1, 2, 1, 2, 2\]"):

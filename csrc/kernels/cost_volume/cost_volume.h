@@ -26,6 +26,10 @@ struct CostVolume {
   int64_t first;             // the offset of out[:,0]
   int64_t count;             // K, the number of offsets
   T* out;                    // [N,K,H,W], contiguous
+  // The CPU's deployed graph only: out becomes relu(scale[g] out + shift[g]), g = n % groups. Otherwise nullptr.
+  const T* scale = nullptr;  // [groups]
+  const T* shift = nullptr;
+  int64_t groups = 1;
 };
 
 template <class T>

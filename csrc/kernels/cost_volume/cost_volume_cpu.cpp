@@ -117,6 +117,11 @@ void cost_volume(const CostVolume<T>& a, int threads) {
         } else {
           sum_all_differences<false, A>(left, right, C, x, first, K, Shifted<A>(x), vec<A>{}, sums);
         }
+        if (a.scale != nullptr) {
+          const vec<A> scale = splat<A>(to_accumulator(a.scale[n % a.groups]));
+          const vec<A> shift = splat<A>(to_accumulator(a.shift[n % a.groups]));
+          for (int64_t k = 0; k < K; ++k) sums[k] = larger<A>(vec<A>{}, scale * sums[k] + shift);
+        }
         const int64_t count = W - x < lanes<A> ? W - x : lanes<A>;
         for (int64_t k = 0; k < K; ++k) {
           write_vector<T>(sums[k], count, a.out + ((n * K + k) * H + y) * W + x);
