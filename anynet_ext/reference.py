@@ -182,7 +182,7 @@ def activated_cost_volume(
 ) -> Tensor:
     """relu(scale * cost_volume + shift), pair n with those at n % len(scale)"""
     volume = cost_volume(left, right, disparity, first, last)
-    pairs = volume.unflatten(0, (len(volume) // len(scale), len(scale)))
+    pairs = volume.view(len(volume) // len(scale), len(scale), *volume.shape[1:])
     return _affine_relu(pairs, scale, shift).flatten(0, 1)
 
 

@@ -152,15 +152,15 @@ class InferenceGraph:
         )
         self._cost_nets = [_chain(chain.children(), activated=True) for chain in model.cost_nets]
         self._cost_affine = [_affine(chain[0].norm) for chain in model.cost_nets]  # type: ignore[index]
-        self._finer = None
+        self._finer: _Layer | None = None
         if model.finer_costs is not None:  # what it gives is added before the ReLU
             (finer,) = _chain([model.finer_costs], activated=True)
             self._finer_affine = _affine(model.finer_costs.norm)
-            first = self._cost_nets[0][0]
+            begin, scale = self._cost_nets[0][0], _affine(model.cost_nets[0][1].norm)[0]  # type: ignore[index]
             assert isinstance(finer, _Layer)
-            assert isinstance(first, _Layer)
-            self._finer = replace(finer, weight=_scaled(finer.weight, _affine(model.cost_nets[0][1].norm)[0]))  # type: ignore[index]
-            self._cost_nets[0][0] = replace(first, relu_out=False)
+            assert isinstance(begin, _Layer)
+            self._finer = replace(finer, weight=_scaled(finer.weight, scale))
+            self._cost_nets[0][0] = replace(begin, relu_out=False)
         self._ranges = list(self.config.ranges)
         self._signs = [1.0] * len(self._ranges)
         if self.config.reversed_residuals:

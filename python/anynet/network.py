@@ -40,8 +40,8 @@ class Convolution(nn.Module):
 class PreActivation(nn.Module):
     """Batch norm, ReLU, convolution.
 
-    guide: channels of a picture that says, pixel by pixel, which channels of the volume count (0: none is given). Begins
-        as the identity (Bangunharcana et al., "Correlate-and-excite", arXiv 2108.05773).
+    `guide` is the number of channels of a picture that says, pixel by pixel, which channels of the volume count, or 0.
+    It begins by saying nothing (Bangunharcana et al., "Correlate-and-excite", arXiv 2108.05773).
     """
 
     def __init__(self, inputs: int, outputs: int, *, dims: int = 2, stride: int = 1, guide: int = 0) -> None:
@@ -110,11 +110,13 @@ def enlarged(volume: Tensor, add: Tensor) -> Tensor:
 
 def cost_net(groups: int, channels: int, layers: int, hourglass: int = 0, guide: int = 0) -> nn.Sequential:
     """A cost volume [N, groups, D, H, W] to costs [N, 1, D, H, W]."""
-    net = chain([groups] + [channels] * (layers + 1) + [1], dims=3)
-    middle = 1 + (layers + 1) // 2
-    if guide:
-        for i in {1, middle}:
-            net[i] = PreActivation(*net[i].conv.weight.shape[1::-1], dims=3, guide=guide)
+    widths, middle = [groups, *[channels] * (layers + 1), 1], 1 + (layers + 1) // 2
+    net = nn.Sequential(
+        *(
+            PreActivation(*ends, dims=3, guide=guide if i in (1, middle) else 0)
+            for i, ends in enumerate(pairwise(widths))
+        )
+    )
     with torch.no_grad():  # begins undecided: small costs, so that no random one wins the softmax
         net.get_parameter(f"{layers + 1}.conv.weight").mul_(0.1)
     if hourglass:
@@ -285,7 +287,7 @@ class AnyNet(nn.Module):
         if self.config.input_scale > 1:
             images = resize(images, (height * self.config.input_scale, width * self.config.input_scale))
         skips = self.features.encode(images)
-        finer = skips[-2] if self.finer_costs is not None else None
+        finer = skips[-2]
         estimate: Tensor | None = None
         for features, net, (first, last) in zip(
             self.features.decode(skips), self.cost_nets, self.config.ranges, strict=True
@@ -293,17 +295,18 @@ class AnyNet(nn.Module):
             small = features.shape[2:]
             scale = height // small[0]
             if estimate is None:
-                x = net[0](self._volume(features, None, first, last))
+                begin, *rest = net.children()
+                x = begin(self._volume(features, None, first, last))
                 if self.finer_costs is not None:
                     x = x + self.finer_costs(self._volume(finer, None, 2 * first, 2 * last + 1))
-                cost = run(list(net)[1:], x, features[: len(left)])[:, 0]
+                cost = run(rest, x, features[: len(left)])[:, 0]
             else:
                 known = resize(estimate, (small[0], small[1]), scale=1 / scale)
                 if self.config.reversed_residuals:
                     volume = self._volume(features, known, -last, -first).flip(2)
                 else:
                     volume = self._volume(features, known, first, last)
-                cost = run(net, volume)[:, 0]
+                cost = net(volume)[:, 0]
             estimate = resize(soft_argmin(cost, first), (height, width), scale=scale, add=estimate)
             yield estimate
         assert estimate is not None

@@ -9,7 +9,7 @@ from torch import nn
 
 from anynet import AnyNet, AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet.network import Convolution, Hourglass, Refinement, cost_net, filled, hidden, mismatch_guide
+from anynet.network import Convolution, Hourglass, PreActivation, Refinement, cost_net, filled, hidden, mismatch_guide
 
 
 @pytest.fixture
@@ -161,6 +161,29 @@ def test_the_hourglass_begins_as_the_identity_and_reaches_far() -> None:
             if isinstance(module, Hourglass):
                 nn.init.normal_(module.last.conv.weight)
         assert reach(deep) > 20
+
+
+def test_finer_costs_and_guided_channels_begin_as_the_identity(wild_model: AnyNet) -> None:
+    """And then they reach the first estimate: the finer costs from both images, the gates from the left one."""
+    options = replace(wild_model.config, hourglass=1, finer_costs=True, guided=True)
+    torch.manual_seed(0)
+    model = AnyNet(options).eval()
+    for module in model.modules():
+        if isinstance(module, Hourglass):
+            nn.init.normal_(module.last.conv.weight)
+    plain = AnyNet(replace(options, finer_costs=False, guided=False)).eval()
+    plain.load_state_dict({name: value for name, value in model.state_dict().items() if name in plain.state_dict()})
+    images = pair(48, 80)
+    with torch.no_grad():
+        expected = plain(*images, 1)[0]
+        assert torch.equal(model(*images, 1)[0], expected)
+        gates = [module.gate for module in model.modules() if isinstance(module, PreActivation) and module.gate]
+        assert len(gates) == 3  # two, and one in the hourglass
+        assert model.finer_costs is not None
+        for layer in (*gates, model.finer_costs.conv):
+            nn.init.normal_(layer.weight)
+            assert not torch.equal(model(*images, 1)[0], expected)
+            nn.init.zeros_(layer.weight)
 
 
 def test_the_guide_shows_where_the_images_do_not_match() -> None:

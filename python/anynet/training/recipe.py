@@ -40,7 +40,9 @@ class Recipe:
     schedule: Schedule = _option("cosine", "Rate over the run: constant, step (a tenth after --drop-at) or cosine.")
     warm_up: int = _option(0, "Steps over which the rate grows linearly to its value.")
     drop_at: float = _option(2 / 3, "Fraction of the run after which the step schedule divides the rate by 10.")
-    stage_weights: tuple[float, ...] = _option((), "Weight of each stage's loss; last ones of 0 are not computed. Default: 0.25, 0.5, 1...")
+    stage_weights: tuple[float, ...] = _option(
+        (), "Weight of each stage's loss; last ones of 0 are not computed. Default: 0.25, 0.5, 1..."
+    )
     occluded_weight: float = _option(1.0, "Weight in the loss of pixels that the right crop does not show.")
     clip: float = _option(5.0, "Largest norm of the gradient; longer ones are scaled down. 0: as they are.")
     averaging: float = _option(0.0, "Decay of the running average of the weights that is kept; 0 keeps the last.")
@@ -117,7 +119,9 @@ class Recipe:
 LARGE = AnyNetConfig(
     channels=4,
     groups=4,
-    hourglass=2,
+    hourglass=3,
+    finer_costs=True,
+    guided=True,
     cost_channels=(16, 8, 4),
     ranges=((0, 11), (-3, 3), (-2, 2)),
     spn_directions=(1, 0),

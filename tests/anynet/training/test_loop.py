@@ -83,10 +83,12 @@ def test_killed_and_resumed_gives_the_same_weights(tmp_path):
 
 
 @pytest.mark.slow
-def test_two_processes_equal_one(tmp_path):
-    _finish(_start(tmp_path / "one", steps=3, workers=0))
+@pytest.mark.parametrize("stage_weights", [(), (1, 0, 0, 0)])
+def test_two_processes_equal_one(tmp_path, stage_weights):
+    options = {"steps": 3, "workers": 0, "stage_weights": stage_weights}
+    _finish(_start(tmp_path / "one", **options))
     torchrun = ("-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2")
-    _finish(_start(tmp_path / "two", torchrun, steps=3, workers=0))
+    _finish(_start(tmp_path / "two", torchrun, **options))
     one, two = (load_file(tmp_path / name / WEIGHTS) for name in ("one", "two"))
     for name, tensor in one.items():
         torch.testing.assert_close(
@@ -143,7 +145,7 @@ def test_the_processes_share_the_batch_of_one():
 def test_a_loss_that_is_not_finite_stops_the_run(tmp_path, monkeypatch):
     calls = []
 
-    def spoilt(self, left, right):
+    def spoilt(self, left, right, stages):
         calls.append(0)
         outputs = list(self.stages(left, right))
         return [*outputs[:2], outputs[2] * float("nan"), outputs[3]] if len(calls) == 6 else outputs
@@ -185,6 +187,16 @@ def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
 def test_stage_weights_must_fit_the_network(tmp_path):
     with pytest.raises(AnyNetError, match="expected 4, one per stage, got 3"):
         train(replace(RECIPE, stage_weights=(1.0, 1.0, 1.0)), tmp_path, data=Planes(4))
+
+
+def test_stages_without_weight_neither_run_nor_change(tmp_path):
+    torch.manual_seed(RECIPE.seed)
+    before = AnyNet().state_dict()
+    after = load_file(train(replace(RECIPE, steps=2, stage_weights=(1.0, 0.5, 0.0, 0.0)), tmp_path, data=Planes(4)))
+    assert all(len(line["losses"]) == 2 for line in _lines(tmp_path))
+    for part, changes in (("cost_nets.0", True), ("cost_nets.1", True), ("cost_nets.2", False), ("refinement", False)):
+        same = [torch.equal(after[name], value) for name, value in before.items() if name.startswith(part)]
+        assert not any(same) if changes else all(same), part
 
 
 def test_nothing_to_train_on(tmp_path):

@@ -50,6 +50,12 @@ def test_steps_replace_epochs():
         preset("fast")
 
 
+@pytest.mark.parametrize("weights", [(1.0, -1.0), (0.0, 0.0)])
+def test_stage_weights_must_weigh_something(weights):
+    with pytest.raises(AnyNetError, match="none below 0 and one above"):
+        Recipe(stage_weights=weights).stage_weights_of(2)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
