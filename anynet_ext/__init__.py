@@ -4,6 +4,7 @@
 """
 
 from anynet_ext import reference
+from anynet_ext._batch_norm import batch_norm_relu
 from anynet_ext._conv import conv3x3, conv3x3x3
 from anynet_ext._cost_volume import cost_volume
 from anynet_ext._library import build_info
@@ -13,6 +14,7 @@ from anynet_ext._spatial_propagation import spatial_propagation
 from anynet_ext._warp import warp
 
 __all__ = [
+    "batch_norm_relu",
     "build_info",
     "conv3x3",
     "conv3x3x3",

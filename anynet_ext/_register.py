@@ -37,7 +37,7 @@ def _vmap_rule(name: str, shared: tuple[str, ...]) -> Callable[..., Any]:
     return rule
 
 
-def _no_second_derivative(name: str) -> Callable[..., None]:
+def no_second_derivative(name: str) -> Callable[..., None]:
     def backward(ctx: Any, *grads: Tensor | None) -> None:
         raise RuntimeError(f"{name} has no derivative: second derivatives of this operator are not supported")
 
@@ -69,7 +69,7 @@ def register(
     for key, fake_of_key in backwards.items():
         backward_name = f"{forward_name}_{key}"
         torch.library.register_fake(backward_name, fake_of_key)
-        torch.library.register_autograd(backward_name, _no_second_derivative(backward_name))
+        torch.library.register_autograd(backward_name, no_second_derivative(backward_name))
         if not shared:  # else a result is a sum over the batch
             torch.library.register_vmap(backward_name, _vmap_rule(backward_name, shared))
     for device in ("cpu", "cuda"):

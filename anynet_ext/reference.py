@@ -87,6 +87,13 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     return torch.stack(columns, -1).to(input.dtype)
 
 
+def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
+    """relu(batch_norm(input)) by the batch's statistics, and its channels' means and variances"""
+    axes = [0, *range(2, input.dim())]
+    variance, mean = torch.var_mean(input.detach(), axes, correction=0)
+    return F.relu(F.batch_norm(input, None, None, weight, bias, True, 0.0, eps)), mean, variance
+
+
 def conv3x3(
     input: Tensor,
     weight: Tensor,

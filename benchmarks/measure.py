@@ -15,7 +15,7 @@ from anynet import network
 from anynet_ext import reference
 
 CONVOLUTIONS = ("conv3x3", "conv3x3x3")
-OPERATORS = (*CONVOLUTIONS, "cost_volume", "resize", "soft_argmin", "spatial_propagation", "warp")
+OPERATORS = (*CONVOLUTIONS, "batch_norm_relu", "cost_volume", "resize", "soft_argmin", "spatial_propagation", "warp")
 
 
 @contextmanager

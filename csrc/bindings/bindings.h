@@ -50,6 +50,7 @@ Array<T> empty_like(const Array<T>& like) {
   return Array<T>(std::vector<pybind11::ssize_t>(like.shape(), like.shape() + like.ndim()));
 }
 
+void bind_batch_norm(pybind11::module_& m);
 void bind_conv(pybind11::module_& m);
 void bind_cost_volume(pybind11::module_& m);
 void bind_soft_argmin(pybind11::module_& m);

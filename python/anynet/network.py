@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet_ext import conv3x3, conv3x3x3, cost_volume, resize, soft_argmin, spatial_propagation, warp
+from anynet_ext import batch_norm_relu, conv3x3, conv3x3x3, cost_volume, resize, soft_argmin, spatial_propagation, warp
 
 # Of ImageNet's RGB values in 0..1.
 MEAN = (0.485, 0.456, 0.406)
@@ -53,11 +53,29 @@ class PreActivation(nn.Module):
             nn.init.zeros_(self.gate.weight)
 
     def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
-        x = self.norm(x)
+        x = normalised(x, self.norm)
         if self.gate is not None:
             x = x * gates_of(self.gate(guide))
-        out: Tensor = self.conv(x, relu_in=True)
+        out: Tensor = self.conv(x)
         return out
+
+
+def normalised(x: Tensor, norm: nn.Module) -> Tensor:
+    """`relu(norm(x))` of a batch norm; in training, it tracks its statistics as PyTorch's does."""
+    if not (isinstance(norm, (nn.BatchNorm2d, nn.BatchNorm3d)) and norm.training):
+        return F.relu(norm(x), inplace=True)
+    out, mean, variance = batch_norm_relu(x, norm.weight, norm.bias, eps=norm.eps)
+    with torch.no_grad():
+        # The types allow for batch norms that track nothing.
+        assert norm.running_mean is not None
+        assert norm.running_var is not None
+        assert norm.num_batches_tracked is not None
+        assert norm.momentum is not None
+        count = x.numel() // x.shape[1]
+        norm.running_mean.lerp_(mean, norm.momentum)
+        norm.running_var.lerp_(variance * (count / (count - 1)), norm.momentum)
+        norm.num_batches_tracked.add_(1)
+    return out
 
 
 def gates_of(picture: Tensor) -> Tensor:

@@ -1,0 +1,89 @@
+#include "batch_norm.h"
+
+#include <tuple>
+
+#include "../kernels/batch_norm/batch_norm.h"
+
+namespace anynet::ops {
+namespace {
+
+using torch::stable::contiguous;
+
+template <class Body>
+void dispatch_wide(const Tensor& input, const Body& body) {
+  return input.scalar_type() == ScalarType::Float ? body(float{}) : body(double{});
+}
+
+std::tuple<Tensor, Tensor, Tensor> batch_norm_relu(const Tensor& input, const Tensor& weight, const Tensor& bias,
+                                                   double eps) {
+  check_batch_norm("batch_norm_relu", input, weight, bias);
+  const Tensor x = contiguous(input), w = contiguous(weight), b = contiguous(bias);
+  Tensor out = contiguous_like(input), mean = contiguous_like(weight), variance = contiguous_like(weight);
+  dispatch_wide(input, [&](auto t) {
+    using T = decltype(t);
+    const int64_t batch = x.size(0), channels = x.size(1);
+    const BatchNormRelu<T> args{batch,
+                                channels,
+                                x.numel() / (batch * channels),
+                                data<T>(x),
+                                data<T>(w),
+                                data<T>(b),
+                                eps,
+                                data<T>(out),
+                                data<T>(mean),
+                                data<T>(variance)};
+    anynet::batch_norm_relu(chosen_isa(), args, num_threads());
+  });
+  return {out, mean, variance};
+}
+
+std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, const Tensor& input,
+                                                            const Tensor& weight, const Tensor& bias,
+                                                            const Tensor& mean, const Tensor& variance, double eps) {
+  const char* op = "batch_norm_relu_backward";
+  check_batch_norm(op, input, weight, bias);
+  check_tensor(op, "mean", mean, {input.size(1)}, input);
+  check_tensor(op, "variance", variance, {input.size(1)}, input);
+  ANYNET_CHECK(shape(grad) == shape(input) && grad.scalar_type() == input.scalar_type(), op,
+               ": expected grad of input's shape and dtype, got ", shape(grad));
+  const Tensor g = contiguous(grad), x = contiguous(input), w = contiguous(weight), b = contiguous(bias);
+  const Tensor m = contiguous(mean), v = contiguous(variance);
+  Tensor grad_input = contiguous_like(input), grad_weight = contiguous_like(weight), grad_bias = contiguous_like(bias);
+  dispatch_wide(input, [&](auto t) {
+    using T = decltype(t);
+    const int64_t batch = x.size(0), channels = x.size(1);
+    const BatchNormReluBackward<T> args{batch,
+                                        channels,
+                                        x.numel() / (batch * channels),
+                                        data<T>(g),
+                                        data<T>(x),
+                                        data<T>(w),
+                                        data<T>(b),
+                                        data<T>(m),
+                                        data<T>(v),
+                                        eps,
+                                        data<T>(grad_input),
+                                        data<T>(grad_weight),
+                                        data<T>(grad_bias)};
+    anynet::batch_norm_relu_backward(chosen_isa(), args, num_threads());
+  });
+  return {grad_input, grad_weight, grad_bias};
+}
+
+}  // namespace
+
+STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+  m.def("batch_norm_relu(Tensor input, Tensor weight, Tensor bias, float eps) -> (Tensor, Tensor, Tensor)",
+        {at::Tag::pt2_compliant_tag});
+  m.def(
+      "batch_norm_relu_backward(Tensor grad, Tensor input, Tensor weight, Tensor bias, Tensor mean, Tensor variance, "
+      "float eps) -> (Tensor, Tensor, Tensor)",
+      {at::Tag::pt2_compliant_tag});
+}
+
+STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+  m.impl("batch_norm_relu", TORCH_BOX(&batch_norm_relu));
+  m.impl("batch_norm_relu_backward", TORCH_BOX(&batch_norm_relu_backward));
+}
+
+}  // namespace anynet::ops
