@@ -55,13 +55,11 @@ def _fake_backward(
     return input.new_empty(input.shape), weight.new_empty(weight.shape), bias.new_empty(bias.shape)
 
 
-@torch.library.impl("anynet::batch_norm_relu", "CUDA")
 def _cuda(input: Tensor, weight: Tensor, bias: Tensor, eps: float) -> tuple[Tensor, Tensor, Tensor]:
     out, mean, rsqrt = torch.native_batch_norm(input, weight, bias, None, None, True, 0.0, eps)
     return out.relu_().contiguous(), mean, rsqrt.pow(-2) - eps
 
 
-@torch.library.impl("anynet::batch_norm_relu_backward", "CUDA")
 def _cuda_backward(
     grad: Tensor, input: Tensor, weight: Tensor, bias: Tensor, mean: Tensor, variance: Tensor, eps: float
 ) -> tuple[Tensor, Tensor, Tensor]:
@@ -87,6 +85,8 @@ def _backward(ctx: Any, grad: Tensor, *_: object) -> tuple[Tensor | None, ...]:
     return *grads, None
 
 
+torch.library.impl("anynet::batch_norm_relu", "CUDA", _cuda)
+torch.library.impl("anynet::batch_norm_relu_backward", "CUDA", _cuda_backward)
 torch.library.register_fake("anynet::batch_norm_relu", _fake)
 torch.library.register_fake("anynet::batch_norm_relu_backward", _fake_backward)
 torch.library.register_autograd("anynet::batch_norm_relu", _backward, setup_context=_setup_context)
