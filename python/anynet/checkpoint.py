@@ -30,23 +30,30 @@ def save_checkpoint(path: str | os.PathLike[str], model: AnyNet, metadata: dict[
     write_atomically(path, content)
 
 
-def load_checkpoint(weights: str | os.PathLike[str], input_scale: int | None = None) -> AnyNet:
+def load_checkpoint(
+    weights: str | os.PathLike[str], input_scale: int | None = None, *, into: AnyNetConfig | None = None
+) -> AnyNet:
     """The network with its weights, in eval mode, on the CPU.
 
     Args:
         weights: the name of packaged weights ("default"), or the path of a .safetensors file of `save_checkpoint` or of
             a .tar that the authors released. No code in the file is run.
         input_scale: 2 to enlarge the images to twice their size first, 1 not to. Default: what the weights say.
+        into: a network that has all their parts, and others besides, which begin as a new network's do.
 
     Raises:
         AnyNetError: if there is no such file, or it is not a checkpoint of this network.
     """
     path = find_weights(weights)
     model, state, _ = _read(path)
+    if into is not None:
+        model = AnyNet(into)
     if input_scale is not None:
         model = AnyNet(model.config.with_input_scale(input_scale))
     try:
-        model.load_state_dict(state)
+        surplus = model.load_state_dict(state, strict=into is None).unexpected_keys
+        if surplus:
+            raise RuntimeError(f"the network has no {', '.join(surplus)}")
     except RuntimeError as error:
         raise AnyNetError(f"{path}: expected weights of {model.config}; {_one_line(error)}") from None
     return model.eval()

@@ -119,7 +119,8 @@ class _Run:
         self.steps = recipe.length(len(data))
         torch.manual_seed(recipe.seed)
         if recipe.weights is not None:
-            self.model = load_checkpoint(recipe.weights, recipe.input_scale)
+            into = recipe.network if recipe.grow else None
+            self.model = load_checkpoint(recipe.weights, recipe.input_scale, into=into)
         else:
             self.model = AnyNet(recipe.network)
         self.model.to(group.device).train()

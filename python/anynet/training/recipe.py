@@ -30,7 +30,8 @@ class Recipe:
     validation: tuple[str, ...] = _option((), "Data to measure on while training, LAYOUT:PATH.")
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
     input_scale: int | None = _option(None, "2: these weights on images enlarged to twice their size. 1: not enlarged.")
-    network: AnyNetConfig = _option(AnyNetConfig(), "Shape of the network, where the weights to start from are random.")
+    grow: bool = _option(False, "Put the weights into --network, which has all their parts; its others begin anew.")
+    network: AnyNetConfig = _option(AnyNetConfig(), "Shape of the network, where the weights do not tell it.")
     steps: int | None = _option(None, "Length of the run in steps of one batch.")
     epochs: int | None = _option(None, "Length of the run in passes over the data (instead of steps).")
     batch: int = _option(6, "Pairs per step, over all processes.")
@@ -63,6 +64,8 @@ class Recipe:
                 raise AnyNetError(f"{name} must be at least 1, got {value}")
         if self.input_scale is not None and self.weights is None:
             raise AnyNetError("input_scale is for weights to start from; give a new network its own, as in network")
+        if self.grow and self.weights is None:
+            raise AnyNetError("grow is for weights to start from")
         if min(self.crop) < 64:
             raise AnyNetError(f"crop must be at least 64x64, got {self.crop[0]}x{self.crop[1]}")
         if not self.rate > 0:
@@ -132,6 +135,7 @@ LARGE = AnyNetConfig(
 
 ENLARGED = Recipe(
     weights="large",
+    network=LARGE,
     input_scale=2,
     steps=6_500,
     batch=3,

@@ -17,6 +17,8 @@ import torch
 from planes import SMALL, Planes
 from safetensors.torch import load_file
 
+from anynet.checkpoint import load_checkpoint
+from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
 from anynet.network import AnyNet
 from anynet.training import loop
@@ -197,6 +199,20 @@ def test_stages_without_weight_neither_run_nor_change(tmp_path):
     for part, changes in (("cost_nets.0", True), ("cost_nets.1", True), ("cost_nets.2", False), ("refinement", False)):
         same = [torch.equal(after[name], value) for name, value in before.items() if name.startswith(part)]
         assert not any(same) if changes else all(same), part
+
+
+def test_weights_grow_into_a_larger_network(tmp_path):
+    small = train(replace(RECIPE, steps=1, network=AnyNetConfig(hourglass=1)), tmp_path / "small", data=Planes(4))
+    network = AnyNetConfig(hourglass=2, finer_costs=True, guided=True)
+    recipe = replace(RECIPE, steps=1, rate=1e-9, weights=str(small), grow=True, network=network)
+    large = train(recipe, tmp_path / "grown", data=Planes(4))
+    grown = load_checkpoint(large)
+    assert grown.config == network
+    for name, value in load_file(small).items():
+        if "running" not in name and "num_batches" not in name:
+            torch.testing.assert_close(grown.state_dict()[name], value, rtol=0, atol=1e-7)
+    with pytest.raises(AnyNetError, match=r"grown.*expected weights of .*; the network has no finer_costs\.conv"):
+        load_checkpoint(large, into=AnyNetConfig(hourglass=1))
 
 
 def test_nothing_to_train_on(tmp_path):

@@ -65,6 +65,7 @@ def test_stage_weights_must_weigh_something(weights):
         ({"averaging": 1.0}, "averaging must be in"),
         ({"schedule": "linear"}, "constant, step or cosine, got 'linear'"),
         ({"input_scale": 2}, "input_scale is for weights to start from"),
+        ({"grow": True}, "grow is for weights to start from"),
         ({"clip": -1.0}, "clip must be positive or 0, got -1.0"),
     ],
 )
