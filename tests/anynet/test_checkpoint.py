@@ -52,7 +52,7 @@ def test_packaged_weights_are_trained(name: str) -> None:
     known = np.isfinite(truth) & (truth > 0)
     d1 = [scores(e.disparity, truth, known).d1 for e in Predictor(name).stages(left, right)]
     assert d1[-1] < 25
-    assert d1[-1] < 0.75 * d1[0]
+    assert d1[-1] < 0.9 * d1[0]
     assert all(later < 1.1 * before for before, later in pairwise(d1))
     assert (PACKAGED / f"{name}.md").exists()
     assert "recipe" in load_metadata(PACKAGED / f"{name}.safetensors")
