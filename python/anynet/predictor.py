@@ -43,7 +43,7 @@ class Predictor:
     Args:
         weights: the name of packaged weights, or a path (see `anynet.load_checkpoint`).
         threads: CPU threads to compute on; default: as many as PyTorch uses.
-        input_scale: 2 to enlarge the images to twice their size first, which is finer and takes four to five times as long;
+        input_scale: 2 to enlarge the images to twice their size first, which is finer and takes four times as long;
             1 not to. Default: what the weights say.
     """
 
