@@ -2,8 +2,9 @@
 
 python benchmarks/kernels.py [--threads 1 2] [--only NAME] [--json FILE]
 
-Eager and compiled are `anynet_ext.reference`, float32; all times are medians of one call, in milliseconds. The limit is
-the larger of arithmetic / peak rate and bytes / copy bandwidth, each input read and each output written once.
+Eager and compiled are `anynet_ext.reference` (PyTorch's own batch norm), float32; all times are medians of one call, in
+milliseconds. The limit is the larger of arithmetic / peak rate and bytes / copy bandwidth, each input read and each
+output written once.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
+import torch.nn.functional as F
 from measure import Limits, measure_limits, median_ms
 from rich.console import Console
 from rich.table import Table
@@ -111,6 +113,18 @@ def workloads() -> list[Workload]:
             7 * c * h * w,
             14 * c * h * w,
             compiles=False,
+        )
+    )
+    n, c, h, w = 12, 1, 256, 512
+    result.append(
+        Workload(
+            "batch_norm_relu",
+            f"{n}x{c}x{h}x{w}",
+            (torch.randn(n, c, h, w), torch.rand(c), torch.rand(c)),
+            lambda x, weight, bias: anynet_ext.batch_norm_relu(x, weight, bias)[0],
+            lambda x, weight, bias: F.relu(F.batch_norm(x, None, None, weight, bias, True)),
+            6 * n * c * h * w,  # a sum; a difference, a square, a sum; a multiply-add, a maximum
+            10 * n * c * h * w,
         )
     )
     return result
