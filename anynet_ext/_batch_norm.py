@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from anynet_ext import _checks, _library, reference  # noqa: F401  (loads the operators)
+from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
 from anynet_ext._register import no_second_derivative
 
 

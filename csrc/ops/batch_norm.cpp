@@ -9,17 +9,12 @@ namespace {
 
 using torch::stable::contiguous;
 
-template <class Body>
-void dispatch_wide(const Tensor& input, const Body& body) {
-  return input.scalar_type() == ScalarType::Float ? body(float{}) : body(double{});
-}
-
 std::tuple<Tensor, Tensor, Tensor> batch_norm_relu(const Tensor& input, const Tensor& weight, const Tensor& bias,
                                                    double eps) {
   check_batch_norm("batch_norm_relu", input, weight, bias);
   const Tensor x = contiguous(input), w = contiguous(weight), b = contiguous(bias);
   Tensor out = contiguous_like(input), mean = contiguous_like(weight), variance = contiguous_like(weight);
-  dispatch_wide(input, [&](auto t) {
+  dispatch_wide(input.scalar_type(), "batch_norm_relu", [&](auto t) {
     using T = decltype(t);
     const int64_t batch = x.size(0), channels = x.size(1);
     const BatchNormRelu<T> args{batch,
@@ -49,7 +44,7 @@ std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, 
   const Tensor g = contiguous(grad), x = contiguous(input), w = contiguous(weight), b = contiguous(bias);
   const Tensor m = contiguous(mean), v = contiguous(variance);
   Tensor grad_input = contiguous_like(input), grad_weight = contiguous_like(weight), grad_bias = contiguous_like(bias);
-  dispatch_wide(input, [&](auto t) {
+  dispatch_wide(input.scalar_type(), op, [&](auto t) {
     using T = decltype(t);
     const int64_t batch = x.size(0), channels = x.size(1);
     const BatchNormReluBackward<T> args{batch,

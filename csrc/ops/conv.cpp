@@ -9,20 +9,6 @@ namespace {
 
 using torch::stable::contiguous;
 
-/// Calls body(T{}) with the element type: only float and double, half types are autocast's job.
-template <class Body>
-void dispatch_conv(ScalarType dtype, int64_t dimensions, const Body& body) {
-  switch (dtype) {
-    case ScalarType::Float:
-      return body(float{});
-    case ScalarType::Double:
-      return body(double{});
-    default:
-      fail(conv_name(dimensions), ": expected tensors of dtype float32 or float64, got ",
-           torch::headeronly::toString(dtype));
-  }
-}
-
 Tensor new_tensor(const Tensor& like, const std::vector<int64_t>& sizes) {
   return torch::stable::new_empty(like, torch::headeronly::IntHeaderOnlyArrayRef(sizes));
 }
@@ -51,7 +37,7 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
   const Tensor x = contiguous(input), w = contiguous(weight);
   const auto b = contiguous_or_none(bias), s = contiguous_or_none(scale), t = contiguous_or_none(shift);
   Tensor out = new_tensor(input, conv_out_sizes(sizes(input), weight.size(0), stride));
-  dispatch_conv(dtype, dimensions, [&](auto element) {
+  dispatch_wide(dtype, conv_name(dimensions), [&](auto element) {
     using T = decltype(element);
     const Conv<T> args{conv_shape(sizes(input), weight.size(0), stride),
                        data<T>(x),
@@ -80,7 +66,7 @@ Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::option
                conv_name(dimensions), ": expected before of the input's shape and dtype, got ", shape(*before));
   const Tensor g = contiguous(grad), w = contiguous(weight);
   const auto x = contiguous_or_none(before);
-  dispatch_conv(grad.scalar_type(), dimensions, [&](auto element) {
+  dispatch_wide(grad.scalar_type(), conv_name(dimensions), [&](auto element) {
     using T = decltype(element);
     const ConvBackwardInput<T> args{conv_shape(input_size, weight.size(0), stride), data<T>(g), data<T>(w), data<T>(x),
                                     static_cast<T*>(grad_input.mutable_data_ptr())};
@@ -107,7 +93,7 @@ std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor
   std::vector<int64_t> weight_sizes(input.dim(), 3);
   weight_sizes[0] = grad.size(1), weight_sizes[1] = input.size(1);
   Tensor grad_weight = new_tensor(grad, weight_sizes), grad_bias = new_tensor(grad, {grad.size(1)});
-  dispatch_conv(grad.scalar_type(), dimensions, [&](auto element) {
+  dispatch_wide(grad.scalar_type(), conv_name(dimensions), [&](auto element) {
     using T = decltype(element);
     const ConvBackwardWeight<T> args{conv_shape(sizes(input), grad.size(1), stride),
                                      data<T>(g),

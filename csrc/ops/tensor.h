@@ -82,6 +82,19 @@ T* data(const Tensor& t) {
 
 inline int num_threads() { return static_cast<int>(torch::stable::get_num_threads()); }
 
+/// Calls body(T{}) where only float and double will do: half types are autocast's job.
+template <class Body>
+void dispatch_wide(ScalarType dtype, const char* op, const Body& body) {
+  switch (dtype) {
+    case ScalarType::Float:
+      return body(float{});
+    case ScalarType::Double:
+      return body(double{});
+    default:
+      fail(op, ": expected tensors of dtype float32 or float64, got ", torch::headeronly::toString(dtype));
+  }
+}
+
 /// Calls body(T{}) with the kernels' element type for `dtype`.
 template <class Body>
 void dispatch(ScalarType dtype, const char* op, const Body& body) {

@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, gates_of, halved, mismatch_guide
+from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, gates_of, halved, mismatch_guide, run
 
 # The operators themselves: what is passed to them here needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -56,7 +56,7 @@ class _Hourglass:
     shift: Tensor
 
     def __call__(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
-        inner = _run(self.layers, x, None if guide is None else halved(guide))
+        inner = run(self.layers, x, halved(guide))
         out: Tensor = _ops.upsample_add.default(x, inner, self.scale, self.shift)
         return out
 
@@ -109,12 +109,6 @@ def _mirrored(layer: _Layer | _Hourglass) -> _Layer:
     """With the disparities the other way round."""
     assert isinstance(layer, _Layer)  # only the first stage has an hourglass, and it is never mirrored
     return replace(layer, weight=torch.flip(layer.weight, (2,)))
-
-
-def _run(layers: Sequence[_Layer | _Hourglass], x: Tensor, guide: Tensor | None = None) -> Tensor:
-    for layer in layers:
-        x = layer(x, guide)
-    return x
 
 
 class InferenceGraph:
@@ -196,17 +190,16 @@ class InferenceGraph:
             return lambda: _ops.upsample_sum.default(maps, scales, 1.0, height, width)
 
         skips = self._encode(left, right)
-        finer = skips[-2] if self._finer is not None else None
+        finer = skips[-2]
         for i, features in enumerate(self._decode(skips)):
             scale = self.config.stride >> i
             disparity = self._sum_at(scale, maps, scales, features.shape[2:]) if i else None
             first, last = self._ranges[i]
             layers = self._cost_nets[i]
             x = layers[0](self._volume(features, disparity, first, last, self._cost_affine[i]))
-            if self._finer is not None and finer is not None:
+            if i == 0 and self._finer is not None:
                 x.add_(self._finer(self._volume(finer, None, 2 * first, 2 * last + 1, self._finer_affine))).relu_()
-                finer = None
-            cost = _run(layers[1:], x, features[:1])[:, 0]
+            cost = run(layers[1:], x, features[:1])[:, 0]
             residual = _ops.soft_argmin.default(cost, first)[0, 0]
             maps = [*maps, residual.mul_(scale * self._signs[i])]
             scales = [*scales, scale]
@@ -231,7 +224,7 @@ class InferenceGraph:
         x = _ops.stem.default(left, right, *self._stem)
         skips: list[Tensor] = []
         for i, layers in enumerate(self._down):
-            x = _run(layers, _ops.max_pool.default(x, *self._down_affine[i]) if i else x)
+            x = run(layers, _ops.max_pool.default(x, *self._down_affine[i]) if i else x)
             skips.append(x)
         return skips
 
@@ -240,7 +233,7 @@ class InferenceGraph:
         x = skips.pop()
         yield x
         for i, layers in enumerate(self._up):
-            x = _run(layers, _ops.upsample_concat.default(skips.pop(), x, *self._up_affine[i]))
+            x = run(layers, _ops.upsample_concat.default(skips.pop(), x, *self._up_affine[i]))
             yield x
 
     @staticmethod
@@ -265,7 +258,7 @@ class InferenceGraph:
             disparity = _ops.fill_hidden.default(disparity, self.config.finest)
         if self.config.spn_mismatch:
             guide = mismatch_guide(guide, small(right), disparity / self.config.finest)
-        guide = _run(self._guidance, guide)
+        guide = run(self._guidance, guide)
         x = self._expand(disparity)
         scans = []
         for layer, direction in zip(self._gates, self.config.spn_directions, strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice, pairwise
 
 import torch
@@ -65,17 +65,21 @@ def normalised(x: Tensor, norm: nn.Module) -> Tensor:
     if not (isinstance(norm, (nn.BatchNorm2d, nn.BatchNorm3d)) and norm.training):
         return F.relu(norm(x), inplace=True)
     out, mean, variance = batch_norm_relu(x, norm.weight, norm.bias, eps=norm.eps)
-    with torch.no_grad():
-        # The types allow for batch norms that track nothing.
-        assert norm.running_mean is not None
-        assert norm.running_var is not None
-        assert norm.num_batches_tracked is not None
-        assert norm.momentum is not None
-        count = x.numel() // x.shape[1]
-        norm.running_mean.lerp_(mean, norm.momentum)
-        norm.running_var.lerp_(variance * (count / (count - 1)), norm.momentum)
-        norm.num_batches_tracked.add_(1)
+    track(norm, mean, variance, x.numel() // x.shape[1])
     return out
+
+
+@torch.no_grad()
+def track(norm: nn.modules.batchnorm._BatchNorm, mean: Tensor, variance: Tensor, count: int | Tensor) -> None:
+    """Moves a batch norm's running statistics towards those of a batch of `count` values per channel."""
+    # The types allow for batch norms that track nothing.
+    assert norm.running_mean is not None
+    assert norm.running_var is not None
+    assert norm.num_batches_tracked is not None
+    assert norm.momentum is not None
+    norm.running_mean.lerp_(mean, norm.momentum)
+    norm.running_var.lerp_(variance * (count / (count - 1)), norm.momentum)
+    norm.num_batches_tracked.add_(1)
 
 
 def gates_of(picture: Tensor) -> Tensor:
@@ -83,8 +87,8 @@ def gates_of(picture: Tensor) -> Tensor:
     return (2 * picture.sigmoid())[:, :, None]
 
 
-def chain(channels: list[int], dims: int = 2) -> nn.Sequential:
-    return nn.Sequential(*(PreActivation(i, o, dims=dims) for i, o in pairwise(channels)))
+def chain(channels: list[int]) -> nn.Sequential:
+    return nn.Sequential(*(PreActivation(i, o) for i, o in pairwise(channels)))
 
 
 class Hourglass(nn.Module):
@@ -103,16 +107,16 @@ class Hourglass(nn.Module):
         nn.init.zeros_(self.last.conv.weight)
 
     def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
-        inner = run(self.inside, self.halve(x), None if guide is None else halved(guide))
+        inner = run(self.inside, self.halve(x), halved(guide))
         return enlarged(self.last(inner), add=x)
 
 
-def halved(picture: Tensor) -> Tensor:
-    """A cost network's guide, in the size of the volume halved."""
-    return F.avg_pool2d(picture, 2, ceil_mode=True)
+def halved(guide: Tensor | None) -> Tensor | None:
+    """A cost network's guide, if there is one, in the size of the volume halved."""
+    return None if guide is None else F.avg_pool2d(guide, 2, ceil_mode=True)
 
 
-def run(layers: Iterable[nn.Module], x: Tensor, guide: Tensor | None = None) -> Tensor:
+def run(layers: Iterable[Callable[..., Tensor]], x: Tensor, guide: Tensor | None = None) -> Tensor:
     """Layers of a cost network, one after another; `guide` [N, C, H, W] is for those that want one."""
     for layer in layers:
         x = layer(x, guide)

@@ -12,6 +12,8 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
+from anynet.network import track
+
 
 @dataclass(frozen=True)
 class Processes:
@@ -94,15 +96,7 @@ class _SyncBatchNorm(nn.modules.batchnorm._BatchNorm):
         centred = input - mean.view(shape)
         # Two passes: the difference of large sums would lose the variance in float32.
         variance = _total(centred.square().sum(axes)) / count
-        with torch.no_grad():
-            # The network's batch norms track these; the base class's types allow for others.
-            assert self.running_mean is not None
-            assert self.running_var is not None
-            assert self.num_batches_tracked is not None
-            assert self.momentum is not None
-            self.running_mean.lerp_(mean, self.momentum)
-            self.running_var.lerp_(variance * count / (count - 1), self.momentum)
-            self.num_batches_tracked.add_(1)
+        track(self, mean, variance, count)
         scale = self.weight * torch.rsqrt(variance + self.eps)
         return torch.addcmul(self.bias.view(shape), centred, scale.view(shape))
 
