@@ -174,6 +174,23 @@ def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
     return out
 
 
+def window_extremes(input: Tensor, radius: int) -> Tensor:
+    """The largest and the smallest value within `radius` rows and columns of each pixel.
+
+    Args:
+        input: [N, 1, H, W] float32, contiguous, finite.
+        radius: 0 or more.
+
+    Returns:
+        [N, 2, H, W]: largest, smallest.
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype, layout or value.
+    """
+    out: Tensor = torch.ops.anynet.window_extremes(input, radius)
+    return out
+
+
 def small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
     """An image in bytes made `factor` times smaller, bilinear (align_corners=False), less `mean`, over `std`.
 
@@ -242,6 +259,11 @@ def _fake_fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
     return torch.empty_like(disparity, memory_format=torch.contiguous_format)
 
 
+def _fake_window_extremes(input: Tensor, radius: int) -> Tensor:
+    n, _, h, w = input.shape
+    return input.new_empty(n, 2, h, w)
+
+
 def _fake_small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
     return mean.new_empty(1, 3, height, width)
 
@@ -259,6 +281,7 @@ for _fake in (
     _fake_max_pool,
     _fake_normalised_propagation,
     _fake_fill_hidden,
+    _fake_window_extremes,
     _fake_small_image,
 ):
     _name = "anynet::" + _fake.__name__.removeprefix("_fake_")

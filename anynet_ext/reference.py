@@ -214,6 +214,13 @@ def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
     return disparity
 
 
+def window_extremes(input: Tensor, radius: int) -> Tensor:
+    """[max, min] of the (2 radius + 1)^2 pixels around each"""
+    window = 2 * radius + 1
+    near, far = (sign * F.max_pool2d(sign * input, window, 1, radius) for sign in (1, -1))
+    return torch.cat([near, far], 1)
+
+
 def small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
     """(bilinear(image / factor) - mean) / std, cut to height x width"""
     images = image.permute(2, 0, 1)[None].float()

@@ -127,6 +127,18 @@ Tensor fill_hidden(const Tensor& disparity, double pixel) {
   return out;
 }
 
+Tensor window_extremes(const Tensor& input, int64_t radius) {
+  check_contiguous("window_extremes", "input", input, 4);
+  ANYNET_CHECK(input.size(1) == 1, "window_extremes: expected an input of one channel, got ", shape(input));
+  ANYNET_CHECK(radius >= 0, "window_extremes: expected a radius of 0 or more, got ", radius);
+  Tensor out = empty_like(input, {input.size(0), 2, input.size(2), input.size(3)});
+  if (out.numel() == 0) return out;
+  const WindowExtremes<float> args{input.size(0), input.size(2),      input.size(3),
+                                   radius,        data<float>(input), data<float>(out)};
+  anynet::window_extremes(chosen_isa(), args, num_threads());
+  return out;
+}
+
 Tensor small_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t factor, int64_t height,
                    int64_t width) {
   check_image("small_image", image);
@@ -156,6 +168,7 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("fill_hidden(Tensor disparity, float pixel) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def("window_extremes(Tensor input, int radius) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("small_image(Tensor image, Tensor mean, Tensor std, int factor, SymInt height, SymInt width) -> Tensor",
         {at::Tag::pt2_compliant_tag});
   m.def("upsample_sum(Tensor[] maps, int[] ratios, float gain, SymInt height, SymInt width) -> Tensor",
@@ -170,6 +183,7 @@ STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
   m.impl("max_pool", TORCH_BOX(&max_pool));
   m.impl("normalised_propagation", TORCH_BOX(&normalised_propagation));
   m.impl("fill_hidden", TORCH_BOX(&fill_hidden));
+  m.impl("window_extremes", TORCH_BOX(&window_extremes));
   m.impl("small_image", TORCH_BOX(&small_image));
 }
 

@@ -39,7 +39,8 @@ def load_checkpoint(
         weights: the name of packaged weights ("default"), or the path of a .safetensors file of `save_checkpoint` or of
             a .tar that the authors released. No code in the file is run.
         input_scale: 2 to enlarge the images to twice their size first, 1 not to. Default: what the weights say.
-        into: a network that has all their parts, and others besides, which begin as a new network's do.
+        into: a network that has all their parts, and others besides, which begin as a new network's do. One with
+            `neighbours` takes those of one without, but for the residual stages.
 
     Raises:
         AnyNetError: if there is no such file, or it is not a checkpoint of this network.
@@ -51,6 +52,8 @@ def load_checkpoint(
     if input_scale is not None:
         model = AnyNet(model.config.with_input_scale(input_scale))
     try:
+        if into is not None and into.neighbours:  # its residual stages are of another kind
+            state = {name: value for name, value in state.items() if not re.match(r"cost_nets\.[1-9]", name)}
         surplus = model.load_state_dict(state, strict=into is None).unexpected_keys
         if surplus:
             raise RuntimeError(f"the network has no {', '.join(surplus)}")

@@ -33,6 +33,9 @@ class AnyNetConfig:
             network; the paper: False.
         ranges: the disparities (first stage) and residuals (later ones) to test, per stage: first and last, in pixels
             of that stage's resolution.
+        neighbours: the residual stages also test the nearest and the farthest disparity at most so many of their pixels
+            away, in rows and columns, and judge all by a two-dimensional network of three convolutions (`Update`). The
+            paper: 0, residuals alone, by a network like the first stage's.
         spn_channels: channels of the spatial propagation.
         spn_directions: its scans: 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top.
         spn_combine: how the scans' results become one; "chain": each scan takes the result of the one before.
@@ -55,6 +58,7 @@ class AnyNetConfig:
     finer_costs: bool = False
     guided: bool = False
     ranges: tuple[tuple[int, int], ...] = ((0, 11), (-2, 2), (-2, 2))
+    neighbours: int = 0
     spn_channels: int = 8
     spn_directions: tuple[int, ...] = (0,)
     spn_combine: Literal["max", "mean", "chain"] = "max"
@@ -73,7 +77,7 @@ class AnyNetConfig:
             )
         if self.input_scale not in (1, 2):
             raise AnyNetError(f"AnyNetConfig: expected input_scale 1 or 2, got {self.input_scale}")
-        for name in ("cost_layers", "hourglass"):
+        for name in ("cost_layers", "hourglass", "neighbours"):
             if getattr(self, name) < 0:
                 raise AnyNetError(f"AnyNetConfig: expected {name} >= 0, got {getattr(self, name)}")
         for name in ("cost_channels", "ranges"):
@@ -82,6 +86,8 @@ class AnyNetConfig:
                     f"AnyNetConfig: expected {name} for each of {self.blocks + 1} stages (blocks + 1), "
                     f"got {getattr(self, name)}"
                 )
+        if self.neighbours and self.reversed_residuals:
+            raise AnyNetError("AnyNetConfig: expected no neighbours with reversed_residuals")
         if any(first > last for first, last in self.ranges):
             raise AnyNetError(f"AnyNetConfig: expected ranges (first, last) with first <= last, got {self.ranges}")
         directions = self.spn_directions

@@ -9,7 +9,18 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.network import MEAN, STD, AnyNet, Hourglass, PreActivation, gates_of, halved, mismatch_guide, run
+from anynet.network import (
+    MEAN,
+    STD,
+    AnyNet,
+    Hourglass,
+    PreActivation,
+    expected_residual,
+    gates_of,
+    halved,
+    mismatch_guide,
+    run,
+)
 
 # The operators themselves: what is passed to them here needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -59,6 +70,35 @@ class _Hourglass:
         inner = run(self.layers, x, halved(guide))
         out: Tensor = _ops.upsample_add.default(x, inner, self.scale, self.shift)
         return out
+
+
+@dataclass(frozen=True)
+class _Update:
+    """A residual stage's network, and what it tests."""
+
+    layers: Sequence[_Layer | _Hourglass]
+    span: tuple[int, int]
+    radius: int
+
+    def __call__(self, features: Tensor, groups: int, disparity: Tensor) -> Tensor:
+        left, right = _grouped(features, groups)
+
+        def costs(disparity: Tensor, first: int, last: int) -> Tensor:
+            volume: Tensor = _ops.cost_volume.default(left, right, disparity.expand(groups, -1, -1, -1), first, last)
+            return volume.view(1, -1, *volume.shape[2:])
+
+        near, far = _ops.window_extremes.default(disparity, self.radius).split(1, 1)
+        offsets = near - disparity, far - disparity
+        picture = torch.cat(
+            [costs(disparity, *self.span), costs(near, 0, 0), costs(far, 0, 0), features[:1], *offsets], 1
+        )
+        return disparity + expected_residual(run(self.layers, picture), self.span[0], offsets)
+
+
+def _grouped(features: Tensor, groups: int) -> tuple[Tensor, Tensor]:
+    """The features [2, C, h, w] of a pair, [groups, C / groups, h, w] of each image."""
+    left, right = features.view(2, groups, -1, *features.shape[2:])
+    return left, right
 
 
 def _affine(norm: nn.Module) -> tuple[Tensor, Tensor]:
@@ -155,6 +195,10 @@ class InferenceGraph:
             assert isinstance(begin, _Layer)
             self._finer = replace(finer, weight=_scaled(finer.weight, scale))
             self._cost_nets[0][0] = replace(begin, relu_out=False)
+        self._updates = [
+            _Update(_chain(update.layers.children()), update.span, update.radius)  # type: ignore[union-attr, arg-type]
+            for update in model.updates or ()
+        ]
         self._ranges = list(self.config.ranges)
         self._signs = [1.0] * len(self._ranges)
         if self.config.reversed_residuals:
@@ -194,26 +238,37 @@ class InferenceGraph:
         for i, features in enumerate(self._decode(skips)):
             scale = self.config.stride >> i
             disparity = self._sum_at(scale, maps, scales, features.shape[2:]) if i else None
-            first, last = self._ranges[i]
-            layers = self._cost_nets[i]
-            x = layers[0](self._volume(features, disparity, first, last, self._cost_affine[i]))
-            if i == 0 and self._finer is not None:
-                x.add_(self._finer(self._volume(finer, None, 2 * first, 2 * last + 1, self._finer_affine))).relu_()
-            cost = run(layers[1:], x, features[:1])[:, 0]
-            residual = _ops.soft_argmin.default(cost, first)[0, 0]
-            maps = [*maps, residual.mul_(scale * self._signs[i])]
-            scales = [*scales, scale]
+            if self._updates and disparity is not None:
+                maps = [self._updates[i - 1](features, self.config.groups, disparity)[0, 0].mul_(scale)]
+                scales = [scale]
+            else:
+                maps = [*maps, self._residual(features, finer, disparity, i).mul_(scale * self._signs[i])]
+                scales = [*scales, scale]
             yield enlarge(maps, scales)
-        disparity = self._sum_at(scales[-1], maps[:-1], scales[:-1], maps[-1].shape, gain=1.0)
-        disparity += _blur(maps[-1], scales[-1])
+        disparity = _blur(maps[-1], scales[-1])
+        if len(maps) > 1:
+            disparity = disparity + self._sum_at(scales[-1], maps[:-1], scales[:-1], maps[-1].shape, gain=1.0)
+        else:
+            disparity = disparity[None, None]
         yield enlarge([self._refine(left, right, disparity)], scales[-1:])
+
+    def _residual(self, features: Tensor, finer: Tensor, disparity: Tensor | None, stage: int) -> Tensor:
+        """[h, w]: what stage number `stage`, from 0, adds, in pixels of its features; `finer` is for the first one."""
+        first, last = self._ranges[stage]
+        layers = self._cost_nets[stage]
+        x = layers[0](self._volume(features, disparity, first, last, self._cost_affine[stage]))
+        if stage == 0 and self._finer is not None:
+            x.add_(self._finer(self._volume(finer, None, 2 * first, 2 * last + 1, self._finer_affine))).relu_()
+        cost = run(layers[1:], x, features[:1])[:, 0]
+        out: Tensor = _ops.soft_argmin.default(cost, first)[0, 0]
+        return out
 
     def _volume(
         self, features: Tensor, disparity: Tensor | None, first: int, last: int, affine: tuple[Tensor, Tensor]
     ) -> Tensor:
         """[1, groups, D, h, w] of the features [2, C, h, w] of both images, through an affine and ReLU."""
         groups = self.config.groups
-        of_left, of_right = features.view(2, groups, -1, *features.shape[2:])
+        of_left, of_right = _grouped(features, groups)
         if disparity is not None:
             disparity = disparity.expand(groups, -1, -1, -1)
         out: Tensor = _ops.activated_cost_volume.default(of_left, of_right, disparity, first, last, *affine)

@@ -146,6 +146,64 @@ def cost_net(groups: int, channels: int, layers: int, hourglass: int = 0, guide:
     return net
 
 
+class Update(nn.Module):
+    """A residual stage's network: judges what lies around an estimate, and the nearest and farthest of its neighbours.
+
+    Enlarged estimates blur depth edges and lose what is thinner than a coarse pixel. A neighbour may still know its
+    disparity, however far that is from the estimate, and its cost tells whether it fits: the propagation of PatchMatch
+    stereo (Bleyer et al., BMVC 2011). In two dimensions, the disparities tested being so many channels.
+
+    Args:
+        features: channels of the features that are compared.
+        channels: of its own convolutions.
+        groups: as in `AnyNetConfig`.
+        span: first and last residual.
+        radius: how far neighbours are away, at most, in rows and columns.
+    """
+
+    def __init__(self, features: int, channels: int, groups: int, span: tuple[int, int], radius: int) -> None:
+        super().__init__()
+        self.groups, self.span, self.radius = groups, span, radius
+        tested = span[1] - span[0] + 3
+        self.layers = chain([groups * tested + features + 2, channels, channels, tested])
+        with torch.no_grad():  # begins undecided, as `cost_net` does
+            self.layers.get_parameter("2.conv.weight").mul_(0.1)
+
+    def forward(self, features: Tensor, disparity: Tensor) -> Tensor:
+        """The disparity [N, 1, h, w], in pixels of the features [2N, C, h, w] of all left and then all right images."""
+        near, far = neighbours(disparity, self.radius)
+        volumes = [compared(features, disparity, *self.span, self.groups)]
+        volumes += [compared(features, each, 0, 0, self.groups) for each in (near, far)]
+        offsets = near - disparity, far - disparity
+        picture = torch.cat([*(volume.flatten(1, 2) for volume in volumes), features[: len(disparity)], *offsets], 1)
+        return disparity + expected_residual(self.layers(picture), self.span[0], offsets)
+
+
+def neighbours(disparity: Tensor, radius: int) -> tuple[Tensor, Tensor]:
+    """The largest and the smallest of a map [N, 1, h, w] around each pixel."""
+    window = 2 * radius + 1
+    return F.max_pool2d(disparity, window, 1, radius), -F.max_pool2d(-disparity, window, 1, radius)
+
+
+def expected_residual(cost: Tensor, first: int, offsets: tuple[Tensor, Tensor]) -> Tensor:
+    """Soft-argmin of costs [N, D, h, w] over the residuals from `first` on and then two maps of them [N, 1, h, w]."""
+    probability = (-cost).softmax(1)
+    steps = torch.arange(first, first + cost.shape[1] - 2, dtype=cost.dtype, device=cost.device)
+    out = (probability[:, :-2] * steps.view(-1, 1, 1)).sum(1, keepdim=True)
+    return out + probability[:, -2:-1] * offsets[0] + probability[:, -1:] * offsets[1]
+
+
+def compared(features: Tensor, disparity: Tensor | None, first: int, last: int, groups: int) -> Tensor:
+    """The cost volume [N, groups, D, h, w] of features [2N, C, h, w] of all left and then all right images."""
+    _, c, *size = features.shape
+    # The groups of a pair's channels go as so many pairs.
+    left, right = features.reshape(2, -1, c // groups, *size)
+    if disparity is not None:
+        disparity = disparity.repeat_interleave(groups, 0)
+    volume = cost_volume(left, right, disparity, first, last)
+    return volume.view(-1, groups, *volume.shape[1:])
+
+
 class UNet(nn.Module):
     """Features from coarse to fine (Fig. 2 of the paper)."""
 
@@ -273,7 +331,15 @@ class AnyNet(nn.Module):
         self.cost_nets = nn.ModuleList(
             cost_net(c.groups, channels, c.cost_layers, *((0, 0) if i else (c.hourglass, guide)))
             for i, channels in enumerate(c.cost_channels)
+            if i == 0 or not c.neighbours
         )
+        self.updates: nn.ModuleList | None = None
+        if c.neighbours:
+            widths = [c.channels * 2 ** (i + 1) for i in reversed(range(c.blocks))]
+            parts = zip(widths, c.cost_channels[1:], c.ranges[1:], strict=True)
+            self.updates = nn.ModuleList(
+                Update(width, channels, c.groups, span, c.neighbours) for width, channels, span in parts
+            )
         self.finer_costs = None
         if c.finer_costs:
             self.finer_costs = PreActivation(c.groups, c.cost_channels[0], dims=3, stride=2)
@@ -310,26 +376,26 @@ class AnyNet(nn.Module):
             images = resize(images, (height * self.config.input_scale, width * self.config.input_scale))
         skips = self.features.encode(images)
         finer = skips[-2]
+        groups, ranges = self.config.groups, self.config.ranges
         estimate: Tensor | None = None
-        for features, net, (first, last) in zip(
-            self.features.decode(skips), self.cost_nets, self.config.ranges, strict=True
-        ):
-            small = features.shape[2:]
-            scale = height // small[0]
+        for i, features in enumerate(self.features.decode(skips)):
+            h, w = features.shape[2:]
+            scale = height // h
             if estimate is None:
-                begin, *rest = net.children()
-                x = begin(self._volume(features, None, first, last))
+                begin, *rest = self.cost_nets[0].children()
+                x = begin(compared(features, None, *ranges[0], groups))
                 if self.finer_costs is not None:
-                    x = x + self.finer_costs(self._volume(finer, None, 2 * first, 2 * last + 1))
-                cost = run(rest, x, features[: len(left)])[:, 0]
+                    first, last = ranges[0]
+                    x = x + self.finer_costs(compared(finer, None, 2 * first, 2 * last + 1, groups))
+                cost = run(rest, x, features[: len(left)])
+                estimate = resize(soft_argmin(cost[:, 0], ranges[0][0]), (height, width), scale=scale)
             else:
-                known = resize(estimate, (small[0], small[1]), scale=1 / scale)
-                if self.config.reversed_residuals:
-                    volume = self._volume(features, known, -last, -first).flip(2)
+                known = resize(estimate, (h, w), scale=1 / scale)
+                if self.updates is not None:
+                    estimate = resize(self.updates[i - 1](features, known), (height, width), scale=scale)
                 else:
-                    volume = self._volume(features, known, first, last)
-                cost = net(volume)[:, 0]
-            estimate = resize(soft_argmin(cost, first), (height, width), scale=scale, add=estimate)
+                    residual = self._residual(features, known, i)
+                    estimate = resize(residual, (height, width), scale=scale, add=estimate)
             yield estimate
         assert estimate is not None
         finest = (height // self.config.finest, width // self.config.finest)
@@ -340,12 +406,11 @@ class AnyNet(nn.Module):
             guide = mismatch_guide(guide, resize(right, finest), estimate.detach() / self.config.finest)
         yield resize(self.refinement(guide, estimate), (height, width))
 
-    def _volume(self, features: Tensor, known: Tensor | None, first: int, last: int) -> Tensor:
-        """[N, groups, D, h, w] from the features [2N, C, h, w] of all left and then all right images."""
-        groups, (_, c, *size) = self.config.groups, features.shape
-        # The groups of a pair's channels go as so many pairs.
-        left, right = features.reshape(2, -1, c // groups, *size)
-        if known is not None:
-            known = known.repeat_interleave(groups, 0)
-        volume = cost_volume(left, right, known, first, last)
-        return volume.view(-1, groups, *volume.shape[1:])
+    def _residual(self, features: Tensor, known: Tensor, stage: int) -> Tensor:
+        """What stage number `stage`, from 0, adds to the estimate [N, 1, h, w], all in pixels of its features."""
+        first, last = self.config.ranges[stage]
+        if self.config.reversed_residuals:
+            volume = compared(features, known, -last, -first, self.config.groups).flip(2)
+        else:
+            volume = compared(features, known, first, last, self.config.groups)
+        return soft_argmin(self.cost_nets[stage](volume)[:, 0], first)

@@ -47,3 +47,8 @@ def wild_large_model() -> AnyNet:
         ),
         seed=9,
     )
+
+
+@pytest.fixture(scope="session")
+def wild_updating_model() -> AnyNet:
+    return wild(AnyNetConfig(channels=2, groups=2, neighbours=2))

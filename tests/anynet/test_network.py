@@ -9,7 +9,17 @@ from torch import nn
 
 from anynet import AnyNet, AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet.network import Convolution, Hourglass, PreActivation, Refinement, cost_net, filled, hidden, mismatch_guide
+from anynet.network import (
+    Convolution,
+    Hourglass,
+    PreActivation,
+    Refinement,
+    Update,
+    cost_net,
+    filled,
+    hidden,
+    mismatch_guide,
+)
 
 
 @pytest.fixture
@@ -186,6 +196,54 @@ def test_finer_costs_and_guided_channels_begin_as_the_identity(wild_model: AnyNe
             nn.init.zeros_(layer.weight)
 
 
+def test_an_update_takes_what_costs_least() -> None:
+    """A residual of its own estimate, or what a neighbour says, however far away that is."""
+    update = Update(4, 8, groups=2, span=(-1, 2), radius=1).eval()
+    features = torch.randn(2, 4, 3, 9, generator=torch.Generator().manual_seed(0))
+    disparity = torch.full((1, 1, 3, 9), 7.0)
+    disparity[..., 1, 4] = 50
+    disparity[..., 1, 7] = 1
+
+    def chosen(k: int) -> torch.Tensor:
+        costs = torch.full((1, 6, 3, 9), 100.0)
+        costs[:, k] = 0
+        update.layers = nn.Sequential(nn.Identity())
+        update.layers.register_forward_hook(lambda *_: costs)
+        return update(features, disparity)
+
+    for k in range(4):
+        torch.testing.assert_close(chosen(k), disparity + k - 1)
+    near, far = disparity.clone(), disparity.clone()
+    near[..., 3:6], near[..., 1, 7] = 50, 7
+    far[..., 6:9], far[..., 1, 4] = 1, 7
+    torch.testing.assert_close(chosen(4), near)
+    torch.testing.assert_close(chosen(5), far)
+
+
+def test_an_update_sees_what_its_neighbours_disparities_cost() -> None:
+    """A strip 10 pixels nearer, which the estimate has in its middle column only: beside that, the largest fits."""
+    update = Update(4, 8, groups=2, span=(-1, 1), radius=2).eval()
+    right = torch.randn(1, 4, 5, 40, generator=torch.Generator().manual_seed(0))
+    left = right.roll(2, 3)
+    left[..., 18:23] = right.roll(12, 3)[..., 18:23]
+    disparity = torch.full((1, 1, 5, 40), 2.0)
+    disparity[..., 20] = 12
+    seen = []
+    update.layers.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+    with torch.no_grad():
+        update(torch.cat([left, right]), disparity)
+    (picture,) = seen
+    assert picture.shape == (1, 2 * 5 + 4 + 2, 5, 40)
+    own, near, far = (picture[:, channels].sum(1) for channels in ([1, 4], [6, 7], [8, 9]))  # both groups of each
+    assert (near[..., 18:23] == 0).all()
+    assert (own[..., 20] == 0).all()
+    assert (own[..., [18, 19, 21, 22]] > 0.1).all()
+    assert (far[..., 24:30] == 0).all()
+    assert torch.equal(picture[:, 10:14], left)
+    assert (picture[:, 14, :, 18:23] == torch.tensor([10.0, 10, 0, 10, 10])).all()
+    assert (picture[:, 15, :, 18:23] == torch.tensor([0.0, 0, -10, 0, 0])).all()
+
+
 def test_the_guide_shows_where_the_images_do_not_match() -> None:
     right, _ = pair(12, 40)
     left = torch.roll(right, 5, dims=3)
@@ -303,6 +361,8 @@ def test_other_shapes_of_network(combine: str) -> None:
         ({"channels": 0}, "channels >= 1, got 0"),
         ({"groups": 3}, "groups to divide the finest features' 2 channels, got 3"),
         ({"hourglass": -1}, "hourglass >= 0, got -1"),
+        ({"neighbours": -1}, "neighbours >= 0, got -1"),
+        ({"neighbours": 1, "reversed_residuals": True}, "no neighbours with reversed_residuals"),
         ({"cost_layers": -1}, "cost_layers >= 0, got -1"),
         ({"ranges": ((0, 11), (2, -2), (-2, 2))}, "first <= last"),
         ({"spn_directions": (0, 0)}, "distinct"),

@@ -53,7 +53,14 @@ def filling_weights(tmp_path_factory: pytest.TempPathFactory, wild_model: AnyNet
     return path
 
 
-@pytest.mark.parametrize("network", ["weights", "large_weights", "filling_weights"])
+@pytest.fixture(scope="module")
+def updating_weights(tmp_path_factory: pytest.TempPathFactory, wild_updating_model: AnyNet) -> Path:
+    path = tmp_path_factory.mktemp("weights") / "updating.safetensors"
+    save_checkpoint(path, wild_updating_model)
+    return path
+
+
+@pytest.mark.parametrize("network", ["weights", "large_weights", "filling_weights", "updating_weights"])
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (37, 61), (64, 128)])
 def test_stages_are_the_networks(request: pytest.FixtureRequest, height: int, width: int, network: str) -> None:
     weights = request.getfixturevalue(network)

@@ -93,6 +93,12 @@ def test_fill_hidden(shape: tuple[int, ...], pixel: float) -> None:
     check("fill_hidden", pixel * (10 + random(*shape) + steps), pixel)
 
 
+@pytest.mark.parametrize("radius", [0, 1, 2, 5])
+@pytest.mark.parametrize("shape", [(1, 1, 1, 1), (2, 1, 5, 70), (1, 1, 3, 4), (0, 1, 4, 4)])
+def test_window_extremes(shape: tuple[int, ...], radius: int) -> None:
+    check("window_extremes", random(*shape), radius, rtol=None, atol=None)
+
+
 @pytest.mark.parametrize("factor", [2, 4])
 @pytest.mark.parametrize(("height", "width"), [(4, 4), (16, 20), (1, 1), (37, 61)])
 def test_small_image(height: int, width: int, factor: int) -> None:
@@ -125,6 +131,7 @@ def test_operators_are_good_citizens() -> None:
         (ops.max_pool, (random(1, 2, 4, 4), random(2), random(2))),
         (ops.normalised_propagation, (random(1, 2, 4, 4), random(1, 3, 2, 4, 4), 2)),
         (ops.fill_hidden, (10 * random(1, 1, 4, 30), 2.0)),
+        (ops.window_extremes, (random(2, 1, 4, 30), 2)),
         (ops.small_image, (image(8, 8), random(3), random(3), 4, 2, 2)),
     ):
         torch.library.opcheck(op.default, args)
@@ -173,6 +180,10 @@ def test_errors() -> None:
         inference.fill_hidden(random(3, 4), 1.0)
     with pytest.raises(RuntimeError, match="pixel above 0, got 0"):
         inference.fill_hidden(random(1, 1, 3, 4), 0.0)
+    with pytest.raises(RuntimeError, match=r"window_extremes: expected an input of one channel, got \[1, 2, 3, 4\]"):
+        inference.window_extremes(random(1, 2, 3, 4), 1)
+    with pytest.raises(RuntimeError, match="radius of 0 or more, got -1"):
+        inference.window_extremes(random(1, 1, 3, 4), -1)
     with pytest.raises(RuntimeError, match="at least one pixel"):
         inference.small_image(image(8, 8), random(3), random(3), 4, 0, 2)
     with pytest.raises(RuntimeError, match="factor 2 or 4, got 3"):

@@ -70,6 +70,14 @@ struct FillHidden {
   T* out;              // [rows, width]
 };
 
+/// The largest and the smallest value within `radius` rows and columns of each pixel.
+template <class T>
+struct WindowExtremes {
+  int64_t batch, height, width, radius;
+  const T* in;  // [N,1,H,W], contiguous
+  T* out;       // [N,2,H,W]: largest, smallest
+};
+
 /// The image at half or a quarter of its size, bilinear (so: the mean of the middle 2x2 of each 2x2 or 4x4), and
 /// normalised: out[c] = (small[c] - mean[c]) / std[c]. Beyond the image its last row and column go on.
 template <class T>
@@ -88,6 +96,7 @@ ANYNET_DECLARE_KERNEL(upsample_concat, UpsampleConcat)
 ANYNET_DECLARE_KERNEL(upsample_add, UpsampleAdd)
 ANYNET_DECLARE_KERNEL(max_pool, MaxPool)
 ANYNET_DECLARE_KERNEL(fill_hidden, FillHidden)
+ANYNET_DECLARE_KERNEL(window_extremes, WindowExtremes)
 ANYNET_DECLARE_KERNEL(small_image, SmallImage)
 
 }  // namespace anynet

@@ -172,7 +172,7 @@ class _Run:
         total = group.total(weights.sum()).clamp(min=1)
         with torch.autocast(group.device.type, torch.bfloat16, enabled=recipe.amp):
             outputs = self.parallel(_normalised(left), _normalised(right), self.stages)
-        losses = stage_losses(outputs, disparity, weights, total)
+        losses = stage_losses(outputs, disparity, weights, total, recipe.robust)
         # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
         (group.count * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
         values: list[float] = group.total(losses.detach()).tolist()

@@ -44,6 +44,10 @@ class Recipe:
     stage_weights: tuple[float, ...] = _option(
         (), "Weight of each stage's loss; last ones of 0 are not computed. Default: 0.25, 0.5, 1..."
     )
+    robust: float = _option(
+        0.0,
+        "Pixels of error beyond which it counts by its logarithm alone, so that hopeless pixels teach less. 0: none.",
+    )
     occluded_weight: float = _option(1.0, "Weight in the loss of pixels that the right crop does not show.")
     clip: float = _option(5.0, "Largest norm of the gradient; longer ones are scaled down. 0: as they are.")
     averaging: float = _option(0.0, "Decay of the running average of the weights that is kept; 0 keeps the last.")
@@ -72,6 +76,8 @@ class Recipe:
             raise AnyNetError(f"rate must be positive, got {self.rate}")
         if not 0 <= self.occluded_weight <= 1:
             raise AnyNetError(f"occluded_weight must be in [0, 1], got {self.occluded_weight}")
+        if not self.robust >= 0:
+            raise AnyNetError(f"robust must be positive or 0, got {self.robust}")
         if not 0 <= self.averaging < 1:
             raise AnyNetError(f"averaging must be in [0, 1), got {self.averaging}")
         if self.schedule not in ("constant", "step", "cosine"):
@@ -125,8 +131,9 @@ LARGE = AnyNetConfig(
     hourglass=3,
     finer_costs=True,
     guided=True,
-    cost_channels=(16, 8, 4),
+    cost_channels=(16, 24, 16),
     ranges=((0, 11), (-3, 3), (-2, 2)),
+    neighbours=2,
     spn_directions=(1, 0),
     spn_combine="chain",
     spn_fill=True,
@@ -142,6 +149,7 @@ ENLARGED = Recipe(
     crop=(192, 384),
     rate=1e-3,
     warm_up=50,
+    robust=3.0,
     occluded_weight=0.2,
 )
 
@@ -151,7 +159,7 @@ PRESETS: dict[str, Recipe] = {
     "paper-kitti": Recipe(epochs=300, rate=5e-4, schedule="step", augment=False, clip=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
     "default": Recipe(network=AnyNetConfig(spn_fill=True), steps=8_000, rate=2e-3, warm_up=100),
-    "large": Recipe(network=LARGE, steps=7_000, batch=4, rate=2e-3, warm_up=100, occluded_weight=0.2),
+    "large": Recipe(network=LARGE, steps=7_000, batch=4, rate=2e-3, warm_up=100, robust=3.0, occluded_weight=0.2),
     "enlarged": ENLARGED,
     "kitti": replace(ENLARGED, steps=700, warm_up=100),
 }

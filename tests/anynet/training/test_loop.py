@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -134,6 +135,16 @@ def test_the_loss_is_smooth_l1_over_what_trains():
     torch.testing.assert_close(losses, torch.tensor([(0.125 + 2.5 + 0.5 * 9.5) / 2.5, 0]))
 
 
+def test_large_errors_can_count_by_their_logarithm():
+    truth = torch.full((1, 1, 1, 3), 10.0)
+    estimate = torch.tensor([[[[10.5, 12.5, 70.5]]]], requires_grad=True)
+    losses = stage_losses([estimate], truth, torch.ones_like(truth), torch.tensor(3.0), robust=2.0)
+    expected = sum(2 * math.log(1 + x / 2) for x in (0.125, 2.0, 60.0)) / 3
+    torch.testing.assert_close(losses, torch.tensor([expected]))
+    losses.sum().backward()
+    torch.testing.assert_close(estimate.grad, torch.tensor([[[[0.5 / (1 + 0.0625), 0.5, 1 / 31]]]]) / 3)
+
+
 def test_the_processes_share_the_batch_of_one():
     whole, *parts = (
         list(batches(Planes(7), RECIPE, range(5, 8), Processes(rank, count, CPU)))
@@ -213,6 +224,11 @@ def test_weights_grow_into_a_larger_network(tmp_path):
             torch.testing.assert_close(grown.state_dict()[name], value, rtol=0, atol=1e-7)
     with pytest.raises(AnyNetError, match=r"grown.*expected weights of .*; the network has no finer_costs\.conv"):
         load_checkpoint(large, into=AnyNetConfig(hourglass=1))
+    updated = load_checkpoint(large, into=replace(network, neighbours=1))
+    for part in (updated.features, updated.cost_nets[0], updated.refinement):
+        name = next(name for name, module in updated.named_modules() if module is part)
+        for one, two in zip(part.parameters(), grown.get_submodule(name).parameters(), strict=True):
+            assert torch.equal(one, two)
 
 
 def test_nothing_to_train_on(tmp_path):
