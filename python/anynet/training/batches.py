@@ -15,6 +15,8 @@ from anynet.errors import AnyNetError
 from anynet.training.distributed import Processes
 from anynet.training.recipe import Recipe
 
+FAR = 0.5  # pixels of disparity; nearer is what `Recipe.far_weight` does not weigh
+
 Item = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
@@ -38,13 +40,14 @@ class _Draws(Dataset[Item]):
         sample = self._samples[int(self._order[place])]
         sample = (augment if recipe.augment else random_crop)(sample, recipe.crop, dice)
         assert sample.noc is not None  # crops say what they show
-        unseen = np.float32(recipe.occluded_weight)
         disparity = np.where(sample.valid, sample.disparity, 0).astype(np.float32)
+        weights = np.where(sample.noc, np.float32(1), np.float32(recipe.occluded_weight) * sample.valid)
+        weights[disparity < FAR] *= recipe.far_weight
         return (
             torch.from_numpy(np.ascontiguousarray(sample.left.transpose(2, 0, 1))),
             torch.from_numpy(np.ascontiguousarray(sample.right.transpose(2, 0, 1))),
             torch.from_numpy(disparity[None]),
-            torch.from_numpy(np.where(sample.noc, np.float32(1), unseen * sample.valid)[None]),
+            torch.from_numpy(weights[None]),
         )
 
 
@@ -68,7 +71,8 @@ def batches(samples: Sequence[StereoSample], recipe: Recipe, steps: range, proce
     """This process's part of the batches of `steps`.
 
     Each is left, right uint8 [B,3,h,w], disparity float32 [B,1,h,w] (0 where unknown), and the pixels' weights in the
-    loss, float32 [B,1,h,w]: 0 where unknown, `recipe.occluded_weight` where the right crop does not show them, else 1.
+    loss, float32 [B,1,h,w]: 0 where unknown, `recipe.occluded_weight` where the right crop does not show them, else 1;
+    times `recipe.far_weight` where they are farther than FAR.
     """
     if recipe.batch % processes.count:
         raise AnyNetError(f"a batch of {recipe.batch} does not divide among {processes.count} processes")

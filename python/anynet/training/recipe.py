@@ -49,6 +49,7 @@ class Recipe:
         "Pixels of error beyond which it counts by its logarithm alone, so that hopeless pixels teach less. 0: none.",
     )
     occluded_weight: float = _option(1.0, "Weight in the loss of pixels that the right crop does not show.")
+    far_weight: float = _option(1.0, "Weight in the loss of pixels with less than 1/2 pixel of disparity: the sky.")
     clip: float = _option(5.0, "Largest norm of the gradient; longer ones are scaled down. 0: as they are.")
     averaging: float = _option(0.0, "Decay of the running average of the weights that is kept; 0 keeps the last.")
     seed: int = _option(0, "Fixes the initial weights, the order of the data and the augmentation.")
@@ -74,8 +75,9 @@ class Recipe:
             raise AnyNetError(f"crop must be at least 64x64, got {self.crop[0]}x{self.crop[1]}")
         if not self.rate > 0:
             raise AnyNetError(f"rate must be positive, got {self.rate}")
-        if not 0 <= self.occluded_weight <= 1:
-            raise AnyNetError(f"occluded_weight must be in [0, 1], got {self.occluded_weight}")
+        for name in ("occluded_weight", "far_weight"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise AnyNetError(f"{name} must be in [0, 1], got {getattr(self, name)}")
         if not self.robust >= 0:
             raise AnyNetError(f"robust must be positive or 0, got {self.robust}")
         if not 0 <= self.averaging < 1:
@@ -151,6 +153,7 @@ ENLARGED = Recipe(
     warm_up=50,
     robust=3.0,
     occluded_weight=0.2,
+    far_weight=0.1,
 )
 
 PRESETS: dict[str, Recipe] = {
@@ -159,7 +162,9 @@ PRESETS: dict[str, Recipe] = {
     "paper-kitti": Recipe(epochs=300, rate=5e-4, schedule="step", augment=False, clip=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
     "default": Recipe(network=AnyNetConfig(spn_fill=True), steps=8_000, rate=2e-3, warm_up=100),
-    "large": Recipe(network=LARGE, steps=7_000, batch=4, rate=2e-3, warm_up=100, robust=3.0, occluded_weight=0.2),
+    "large": Recipe(
+        network=LARGE, steps=7_000, batch=4, rate=2e-3, warm_up=100, robust=3.0, occluded_weight=0.2, far_weight=0.1
+    ),
     "enlarged": ENLARGED,
     "kitti": replace(ENLARGED, steps=700, warm_up=100),
 }

@@ -126,6 +126,21 @@ def test_what_the_right_crop_does_not_show_weighs_less():
         assert torch.equal(all_equal, (weights > 0).float())
 
 
+def test_what_is_far_can_weigh_less():
+    sample = Planes(1)[0]
+    disparity = np.where(np.arange(sample.disparity.shape[1]) % 2, np.float32(0.3), sample.disparity)
+    far = replace(sample, disparity=disparity, valid=np.ones_like(sample.valid))
+    recipe = replace(RECIPE, batch=1, augment=False, occluded_weight=0.5, far_weight=0.25)
+    ((*_, found, weights),) = batches([far], recipe, range(1), Processes(0, 1, CPU))
+    assert set(weights[found < 0.5].tolist()) <= {0.25, 0.125}
+    assert set(weights[found > 0.5].tolist()) <= {1.0, 0.5}
+    assert {0.25, 1.0} <= set(weights.unique().tolist())
+    with pytest.raises(AnyNetError, match=r"far_weight must be in \[0, 1\], got 2"):
+        replace(RECIPE, far_weight=2)
+    with pytest.raises(AnyNetError, match=r"robust must be positive or 0, got -1"):
+        replace(RECIPE, robust=-1)
+
+
 def test_the_loss_is_smooth_l1_over_what_trains():
     truth = torch.tensor([[[[0.0, 10, 10, 10, 250]]]])
     estimates = torch.tensor([[[[5.0, 10.5, 13, 20, 20]]]]), torch.full((1, 1, 1, 5), 10.0)
