@@ -10,7 +10,7 @@ from torch import Tensor
 from anynet_ext import _checks, _library, reference  # noqa: F401  (loads the operators)
 from anynet_ext._register import register
 
-CHANNELS = 32
+CHANNELS = 64
 
 
 def conv3x3(
@@ -31,12 +31,12 @@ def conv3x3(
 
     It is for layers whose channels are few and pixels many, where general libraries reach a few per cent of a CPU's
     arithmetic: pixels lie in the vector registers, in PyTorch's own layout, and nothing is reordered. Prefer PyTorch's
-    (oneDNN's) convolutions for more than 32 channels, for other kernel sizes, and for rows much shorter than a vector
-    (16 pixels). On CUDA tensors this calls PyTorch's own.
+    (oneDNN's) convolutions for more than 32 channels out, for other kernel sizes, and for rows much shorter than a
+    vector (16 pixels). On CUDA tensors this calls PyTorch's own.
 
     Args:
-        input: [N, C, H, W], float32 or float64, 1 <= C <= 32; made contiguous if it is not.
-        weight: [O, C, 3, 3], 1 <= O <= 32.
+        input: [N, C, H, W], float32 or float64, 1 <= C <= 64; made contiguous if it is not.
+        weight: [O, C, 3, 3], 1 <= O <= 64.
         bias: [O].
         stride: 1 or 2, along every dimension.
         scale, shift: [C], both or neither.

@@ -6,7 +6,7 @@
 
 namespace anynet::ops {
 
-constexpr int64_t conv_channels = 32;  // the most that the operators take, in and out
+constexpr int64_t conv_channels = 64;  // the most that the operators take, in and out
 
 /// "conv3x3" or "conv3x3x3", for messages.
 inline const char* conv_name(int64_t dimensions) { return dimensions == 2 ? "conv3x3" : "conv3x3x3"; }

@@ -16,6 +16,7 @@ from anynet.network import (
     Hourglass,
     PreActivation,
     expected_residual,
+    few_channels,
     gates_of,
     halved,
     mismatch_guide,
@@ -43,7 +44,7 @@ class _Layer:
         if self.gate is not None:  # the layer before made x, for this one alone; gates and ReLU can change places
             assert guide is not None
             x.mul_(gates_of(self.gate(guide)))
-        if max(self.weight.shape[:2]) > 32:
+        if not few_channels(self.weight):
             return self._large(x)
         op = _ops.conv3x3.default if self.weight.dim() == 4 else _ops.conv3x3x3.default
         out: Tensor = op(x, self.weight, self.bias, self.scale, self.shift, self.stride, self.relu_in, self.relu_out)

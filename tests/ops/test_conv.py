@@ -69,6 +69,12 @@ def test_every_channel_count(dimensions: int, channels: int, stride: int) -> Non
     check(make(sizes, (33 - channels, channels), dtype=torch.float32, affine=False), stride=stride)
 
 
+@pytest.mark.parametrize("channels", [(33, 9), (54, 24), (64, 64), (7, 61)])
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_more_channels(dimensions: int, channels: tuple[int, int]) -> None:
+    check(make((2, 6, 21)[-dimensions:], channels, dtype=torch.float32), relu_in=True)
+
+
 @pytest.mark.parametrize("stride", [1, 2])
 @pytest.mark.parametrize("sizes", [(100, 1000), (5, 40, 500)])
 def test_batches_too_large_to_be_copied_at_once(sizes: tuple[int, ...], stride: int) -> None:
@@ -224,13 +230,13 @@ def test_threads_do_not_change_a_bit(isa: Any, stride: int) -> None:
     ("change", "error", "message"),
     [
         ({"input": torch.zeros(2, 3, 8)}, ValueError, r"expected input of shape \[N, C, H, W\], got \[2, 3, 8\]"),
-        ({"input": torch.zeros(2, 33, 4, 8)}, ValueError, r"C in 1\.\.32 .* got \[2, 33, 4, 8\]"),
+        ({"input": torch.zeros(2, 65, 4, 8)}, ValueError, r"C in 1\.\.64 .* got \[2, 65, 4, 8\]"),
         ({"input": torch.zeros(2, 3, 0, 8)}, ValueError, "at least one pixel"),
         ({"input": torch.zeros(2, 3, 4, 8).half()}, TypeError, "float32 or float64, got torch.float16"),
         ({"input": torch.zeros(2, 3, 4, 8).double()}, TypeError, "one dtype"),
         ({"weight": torch.zeros(5, 4, 3, 3)}, ValueError, r"expected weight of shape \[O, 3, 3, 3\]"),
         ({"weight": torch.zeros(5, 3, 5, 5)}, ValueError, r"got \[5, 3, 5, 5\]"),
-        ({"weight": torch.zeros(33, 3, 3, 3)}, ValueError, r"O in 1\.\.32, got \[33, 3, 3, 3\]"),
+        ({"weight": torch.zeros(65, 3, 3, 3)}, ValueError, r"O in 1\.\.64, got \[65, 3, 3, 3\]"),
         ({"weight": None}, TypeError, "expected weight to be a Tensor, got NoneType"),
         ({"bias": torch.zeros(4)}, ValueError, r"expected bias of shape \[5\], got \[4\]"),
         ({"scale": torch.zeros(3)}, ValueError, "both or neither of scale and shift"),
@@ -248,7 +254,7 @@ def test_errors(change: dict[str, Any], error: type[Exception], message: str) ->
     ("arguments", "message"),
     [
         (((2, 3, 4, 8), (5, 3, 3), None), "weight"),
-        (((2, 33, 4, 8), (5, 33, 3, 3), None), "input"),
+        (((2, 65, 4, 8), (5, 65, 3, 3), None), "input"),
         (((2, 3, 4, 8), (5, 3, 3, 3), (4,)), "bias"),
     ],
 )

@@ -1,4 +1,4 @@
-// Direct 3x3 and 3x3x3 convolutions of few channels (1 to 32), with what the network needs fused into them.
+// Direct 3x3 and 3x3x3 convolutions of few channels (1 to 64), with what the network needs fused into them.
 //
 //   out[n,o,q] = relu_out( bias[o] + sum_c sum_t weight[o,c,t] a[n,c, stride q + t - 1] ),   t in {0,1,2}^2 or ^3
 //   a[n,c,p] = relu_in( scale[c] input[n,c,p] + shift[c] ) inside the image, 0 outside (zero padding after the affine)
