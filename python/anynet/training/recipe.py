@@ -162,9 +162,7 @@ PRESETS: dict[str, Recipe] = {
     "paper-kitti": Recipe(epochs=300, rate=5e-4, schedule="step", augment=False, clip=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
     "default": Recipe(network=AnyNetConfig(spn_fill=True), steps=8_000, rate=2e-3, warm_up=100),
-    "large": Recipe(
-        network=LARGE, steps=7_000, batch=4, rate=2e-3, warm_up=100, robust=3.0, occluded_weight=0.2, far_weight=0.1
-    ),
+    "large": Recipe(network=LARGE, steps=7_000, batch=4, rate=2e-3, warm_up=100, occluded_weight=0.2),
     "enlarged": ENLARGED,
     "kitti": replace(ENLARGED, steps=700, warm_up=100),
 }
