@@ -157,7 +157,8 @@ class InferenceGraph:
 
     The estimates are never added up at full size before somebody wants to see one. Each stage's result stays small, and
     since pixels are areas, what the next stage needs, the sum enlarged to full size and reduced to the features' size,
-    is exactly the small results enlarged to the features' size.
+    is exactly the small results enlarged to the features' size. (With `neighbours`, a stage's result is the whole
+    estimate, and the sum has one term.)
     """
 
     @torch.no_grad()
