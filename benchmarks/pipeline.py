@@ -174,11 +174,11 @@ def memory_mb(predictor: Predictor) -> float:
     return (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
 
 
-def count(weights: str, threads: int, stage: int) -> tuple[int, list[tuple[str, float, int, int]]]:
+def count(weights: str, threads: int, stage: int, frames: int) -> tuple[int, list[tuple[str, float, int, int]]]:
     """Multiply-adds of one frame up to a stage, and every operator: name, fastest seconds, multiply-adds, bytes."""
     predictor = Predictor(weights, threads=threads)
     runs = []
-    for _ in range(20):
+    for _ in range(frames):
         with Counter() as counter:
             predictor.predict(*pair(), stage=stage)
         runs.append(counter.calls)
@@ -284,9 +284,8 @@ def main() -> None:
         times = interleaved_ms({"matrix product": matrix_product(), **mine, **others}, arguments.rounds)
     limits = measure_limits(threads)
     stages = load_checkpoint(arguments.weights).config.stages
-    counts = {f"ours, stage {stage}": count(arguments.weights, threads, stage) for stage in (1, stages)}
-    work = {name: multiply_adds for name, (multiply_adds, _) in counts.items()}
-    calls = counts[f"ours, stage {stages}"][1]
+    of_all, calls = count(arguments.weights, threads, stages, frames=20)
+    work = {"ours, stage 1": count(arguments.weights, threads, 1, frames=1)[0], f"ours, stage {stages}": of_all}
     table = Table("", "ms", title=f"{threads} thread(s), 1x3x{HEIGHT}x{WIDTH}")
     for name, each in times.items():
         table.add_row(name, f"{statistics.median(each):.1f}")

@@ -104,6 +104,11 @@ class AnyNetConfig:
         return replace(self, input_scale=input_scale, ranges=(reach, *residuals))
 
     @property
+    def feature_channels(self) -> list[int]:
+        """Channels of the features at 1/4, 1/8, ... of the resolution."""
+        return [self.channels * 2 ** (i + 1) for i in range(self.blocks + 1)]
+
+    @property
     def stages(self) -> int:
         """The number of estimates: one per resolution and the refined one."""
         return self.blocks + 2

@@ -78,14 +78,16 @@ class _Update:
     """A residual stage's network, and what it tests."""
 
     layers: Sequence[_Layer | _Hourglass]
+    groups: int
     span: tuple[int, int]
     radius: int
 
-    def __call__(self, features: Tensor, groups: int, disparity: Tensor) -> Tensor:
-        left, right = _grouped(features, groups)
+    def __call__(self, features: Tensor, disparity: Tensor) -> Tensor:
+        left, right = _grouped(features, self.groups)
 
         def costs(disparity: Tensor, first: int, last: int) -> Tensor:
-            volume: Tensor = _ops.cost_volume.default(left, right, disparity.expand(groups, -1, -1, -1), first, last)
+            each = disparity.expand(self.groups, -1, -1, -1)
+            volume: Tensor = _ops.cost_volume.default(left, right, each, first, last)
             return volume.view(1, -1, *volume.shape[2:])
 
         near, far = _ops.window_extremes.default(disparity, self.radius).split(1, 1)
@@ -198,7 +200,7 @@ class InferenceGraph:
             self._finer = replace(finer, weight=_scaled(finer.weight, scale))
             self._cost_nets[0][0] = replace(begin, relu_out=False)
         self._updates = [
-            _Update(_chain(update.layers.children()), update.span, update.radius)  # type: ignore[union-attr, arg-type]
+            _Update(_chain(update.layers.children()), update.groups, update.span, update.radius)  # type: ignore[union-attr, arg-type]
             for update in model.updates or ()
         ]
         self._ranges = list(self.config.ranges)
@@ -241,17 +243,15 @@ class InferenceGraph:
             scale = self.config.stride >> i
             disparity = self._sum_at(scale, maps, scales, features.shape[2:]) if i else None
             if self._updates and disparity is not None:
-                maps = [self._updates[i - 1](features, self.config.groups, disparity)[0, 0].mul_(scale)]
+                maps = [self._updates[i - 1](features, disparity)[0, 0].mul_(scale)]
                 scales = [scale]
             else:
                 maps = [*maps, self._residual(features, finer, disparity, i).mul_(scale * self._signs[i])]
                 scales = [*scales, scale]
             yield enlarge(maps, scales)
-        disparity = _blur(maps[-1], scales[-1])
+        disparity = _blur(maps[-1], scales[-1])[None, None]
         if len(maps) > 1:
-            disparity = disparity + self._sum_at(scales[-1], maps[:-1], scales[:-1], maps[-1].shape, gain=1.0)
-        else:
-            disparity = disparity[None, None]
+            disparity += self._sum_at(scales[-1], maps[:-1], scales[:-1], maps[-1].shape, gain=1.0)
         yield enlarge([self._refine(left, right, disparity)], scales[-1:])
 
     def _residual(self, features: Tensor, finer: Tensor, disparity: Tensor | None, stage: int) -> Tensor:

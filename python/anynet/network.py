@@ -216,7 +216,7 @@ class UNet(nn.Module):
     def __init__(self, config: AnyNetConfig) -> None:
         super().__init__()
         c = config.channels
-        widths = [c * 2 ** (i + 1) for i in range(config.blocks + 1)]  # at 1/4, 1/8, ...
+        widths = config.feature_channels
         self.first = Convolution(3, c, bias=True)
         self.halve = PreActivation(c, c, stride=2)
         self.down = nn.ModuleList(
@@ -333,7 +333,8 @@ class AnyNet(nn.Module):
         self.config = config or AnyNetConfig()
         self.features = UNet(self.config)
         c = self.config
-        guide = c.channels * 2 ** (c.blocks + 1) if c.guided else 0
+        coarsest, *finer = reversed(c.feature_channels)
+        guide = coarsest if c.guided else 0
         self.cost_nets = nn.ModuleList(
             cost_net(c.groups, channels, c.cost_layers, *((0, 0) if i else (c.hourglass, guide)))
             for i, channels in enumerate(c.cost_channels)
@@ -341,8 +342,7 @@ class AnyNet(nn.Module):
         )
         self.updates: nn.ModuleList | None = None
         if c.neighbours:
-            widths = [c.channels * 2 ** (i + 1) for i in reversed(range(c.blocks))]
-            parts = zip(widths, c.cost_channels[1:], c.ranges[1:], strict=True)
+            parts = zip(finer, c.cost_channels[1:], c.ranges[1:], strict=True)
             self.updates = nn.ModuleList(
                 Update(width, channels, c.groups, span, c.neighbours) for width, channels, span in parts
             )

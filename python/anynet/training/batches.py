@@ -15,7 +15,7 @@ from anynet.errors import AnyNetError
 from anynet.training.distributed import Processes
 from anynet.training.recipe import Recipe
 
-FAR = 0.5  # pixels of disparity; nearer is what `Recipe.far_weight` does not weigh
+FAR = 0.5  # pixels of disparity: `Recipe.far_weight` is for less
 
 Item = tuple[Tensor, Tensor, Tensor, Tensor]
 
