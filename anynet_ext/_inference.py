@@ -191,22 +191,42 @@ def window_extremes(input: Tensor, radius: int) -> Tensor:
     return out
 
 
-def small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
+def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
+    """Twice the size, each pixel a mean of the nine around it, weighted by a softmax (RAFT, arXiv 2003.12039, 3.3).
+
+    Args:
+        input: [N, 1, H, W] float32, contiguous; beyond its border lies the border's value.
+        logits: [N, 32, H, W] float32, contiguous: of the four pixels that one becomes, row by row, those of its eight
+            neighbours, row by row; its own is 0.
+
+    Returns:
+        [N, 1, 2H, 2W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype, shape or layout.
+    """
+    out: Tensor = torch.ops.anynet.convex_upsampling(input, logits)
+    return out
+
+
+def small_image(
+    image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int, *, block: int = 1
+) -> Tensor:
     """An image in bytes made `factor` times smaller, bilinear (align_corners=False), less `mean`, over `std`.
 
     Args:
-        image: [H, W, 3] uint8, contiguous; extended by its last row and column if factor * height or factor * width is
-            more.
+        image: [H, W, 3] uint8, contiguous; extended by its last row and column where the output goes beyond.
         mean, std: [3] float32, in the image's units.
-        factor: 2 or 4.
+        factor: 1, 2 or 4.
+        block: 1 or 2: blocks of so many by so many pixels become as many channels (`pixel_unshuffle`).
 
     Returns:
-        [1, 3, height, width] float32.
+        [1, 3 block^2, height, width] float32.
 
     Raises:
         RuntimeError: if an argument has the wrong dtype or shape.
     """
-    out: Tensor = torch.ops.anynet.small_image(image, mean, std, factor, height, width)
+    out: Tensor = torch.ops.anynet.small_image(image, mean, std, factor, block, height, width)
     return out
 
 
@@ -264,8 +284,15 @@ def _fake_window_extremes(input: Tensor, radius: int) -> Tensor:
     return input.new_empty(n, 2, h, w)
 
 
-def _fake_small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
-    return mean.new_empty(1, 3, height, width)
+def _fake_convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
+    n, _, h, w = input.shape
+    return input.new_empty(n, 1, 2 * h, 2 * w)
+
+
+def _fake_small_image(
+    image: Tensor, mean: Tensor, std: Tensor, factor: int, block: int, height: int, width: int
+) -> Tensor:
+    return mean.new_empty(1, 3 * block**2, height, width)
 
 
 def _no_gradient(*_: object) -> None:
@@ -282,6 +309,7 @@ for _fake in (
     _fake_normalised_propagation,
     _fake_fill_hidden,
     _fake_window_extremes,
+    _fake_convex_upsampling,
     _fake_small_image,
 ):
     _name = "anynet::" + _fake.__name__.removeprefix("_fake_")

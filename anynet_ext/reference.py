@@ -221,10 +221,22 @@ def window_extremes(input: Tensor, radius: int) -> Tensor:
     return torch.cat([near, far], 1)
 
 
-def small_image(image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int) -> Tensor:
-    """(bilinear(image / factor) - mean) / std, cut to height x width"""
+def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
+    """pixel_shuffle(softmax of the logits and, for the pixel itself, 0; times the 3x3 around it)"""
+    n, _, h, w = input.shape
+    around = F.unfold(F.pad(input, (1, 1, 1, 1), mode="replicate"), 3).view(n, 1, 9, h, w)
+    logits = torch.cat([logits.view(n, 4, 8, h, w), input.new_zeros(n, 4, 1, h, w)], 2)
+    weights = logits[:, :, [0, 1, 2, 3, 8, 4, 5, 6, 7]].softmax(2)
+    return F.pixel_shuffle((weights * around).sum(2), 2)
+
+
+def small_image(
+    image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int, *, block: int = 1
+) -> Tensor:
+    """pixel_unshuffle((bilinear(image / factor) - mean) / std, block), cut to height x width"""
     images = image.permute(2, 0, 1)[None].float()
-    rows, columns = max(0, factor * height - image.shape[0]), max(0, factor * width - image.shape[1])
-    images = F.pad(images, (0, columns, 0, rows), mode="replicate")[..., : factor * height, : factor * width]
+    h, w = factor * block * height, factor * block * width
+    rows, columns = max(0, h - image.shape[0]), max(0, w - image.shape[1])
+    images = F.pad(images, (0, columns, 0, rows), mode="replicate")[..., :h, :w]
     small = F.interpolate(images, scale_factor=1 / factor, mode="bilinear")
-    return (small - mean[:, None, None]) / std[:, None, None]
+    return F.pixel_unshuffle((small - mean[:, None, None]) / std[:, None, None], block)

@@ -139,18 +139,32 @@ Tensor window_extremes(const Tensor& input, int64_t radius) {
   return out;
 }
 
-Tensor small_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t factor, int64_t height,
-                   int64_t width) {
+Tensor convex_upsampling(const Tensor& input, const Tensor& logits) {
+  check_contiguous("convex_upsampling", "input", input, 4);
+  check_contiguous("convex_upsampling", "logits", logits, 4);
+  const int64_t n = input.size(0), height = input.size(2), width = input.size(3);
+  check_tensor("convex_upsampling", "input", input, {n, 1, height, width}, input);
+  check_tensor("convex_upsampling", "logits", logits, {n, 32, height, width}, input);
+  Tensor out = empty_like(input, {n, 1, 2 * height, 2 * width});
+  if (out.numel() == 0) return out;
+  const ConvexUpsampling<float> args{n, height, width, data<float>(input), data<float>(logits), data<float>(out)};
+  anynet::convex_upsampling(chosen_isa(), args, num_threads());
+  return out;
+}
+
+Tensor small_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t factor, int64_t block,
+                   int64_t height, int64_t width) {
   check_image("small_image", image);
   check_contiguous("small_image", "mean", mean, 1);
   check_tensor("small_image", "mean", mean, {3}, mean);
   check_contiguous("small_image", "std", std, 1);
   check_tensor("small_image", "std", std, {3}, mean);
-  ANYNET_CHECK(factor == 2 || factor == 4, "small_image: expected factor 2 or 4, got ", factor);
+  ANYNET_CHECK(factor == 1 || factor == 2 || factor == 4, "small_image: expected factor 1, 2 or 4, got ", factor);
+  ANYNET_CHECK(block == 1 || block == 2, "small_image: expected block 1 or 2, got ", block);
   ANYNET_CHECK(height > 0 && width > 0, "small_image: expected a size of at least one pixel, got ", height, " x ",
                width);
-  Tensor out = empty_like(mean, {1, 3, height, width});
-  const SmallImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   factor, height, width,
+  Tensor out = empty_like(mean, {1, 3 * block * block, height, width});
+  const SmallImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   factor, block, height, width,
                                data<float>(mean),    data<float>(std), data<float>(out)};
   anynet::small_image(chosen_isa(), args, num_threads());
   return out;
@@ -169,8 +183,11 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("fill_hidden(Tensor disparity, float pixel) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("window_extremes(Tensor input, int radius) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("small_image(Tensor image, Tensor mean, Tensor std, int factor, SymInt height, SymInt width) -> Tensor",
-        {at::Tag::pt2_compliant_tag});
+  m.def("convex_upsampling(Tensor input, Tensor logits) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def(
+      "small_image(Tensor image, Tensor mean, Tensor std, int factor, int block, SymInt height, SymInt width) -> "
+      "Tensor",
+      {at::Tag::pt2_compliant_tag});
   m.def("upsample_sum(Tensor[] maps, int[] ratios, float gain, SymInt height, SymInt width) -> Tensor",
         {at::Tag::pt2_compliant_tag});
 }
@@ -184,6 +201,7 @@ STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
   m.impl("normalised_propagation", TORCH_BOX(&normalised_propagation));
   m.impl("fill_hidden", TORCH_BOX(&fill_hidden));
   m.impl("window_extremes", TORCH_BOX(&window_extremes));
+  m.impl("convex_upsampling", TORCH_BOX(&convex_upsampling));
   m.impl("small_image", TORCH_BOX(&small_image));
 }
 

@@ -43,6 +43,8 @@ class AnyNetConfig:
             the disparity of the background beside it before the propagation; the paper: False.
         spn_mismatch: the propagation is steered not by the left image alone, but also by the disparity and by how the
             right image, warped by it, differs. So it can tell what the right camera does not see. The paper: False.
+        spn_upsampling: the result is enlarged to twice the finest features' resolution not bilinearly, but by weights
+            learnt from the left image, which the propagation's guidance then sees at that resolution. The paper: False.
         reversed_residuals: the residual stages test disparity `d - s` where they count it as `d + s`, as the authors'
             released code and weights do.
     """
@@ -64,6 +66,7 @@ class AnyNetConfig:
     spn_combine: Literal["max", "mean", "chain"] = "max"
     spn_fill: bool = False
     spn_mismatch: bool = False
+    spn_upsampling: bool = False
     reversed_residuals: bool = False
 
     def __post_init__(self) -> None:

@@ -19,7 +19,7 @@ from anynet.network import (
     few_channels,
     gates_of,
     halved,
-    mismatch_guide,
+    mismatch,
     run,
 )
 
@@ -220,6 +220,10 @@ class InferenceGraph:
         # freed that is larger than all of it.
         torch.empty(2**25 - 2**20, dtype=torch.uint8)
         self._expand = _Layer(refinement.expand.weight.detach())
+        self._upsampling: _Layer | None = None
+        if refinement.upsampling is not None:
+            assert refinement.upsampling.bias is not None
+            self._upsampling = _Layer(refinement.upsampling.weight.detach(), refinement.upsampling.bias.detach())
         self._reduce = _Layer(refinement.reduce.weight.detach())
 
     def stages(self, left: Tensor, right: Tensor) -> Iterator[Callable[[], Tensor]]:
@@ -252,7 +256,8 @@ class InferenceGraph:
         disparity = _blur(maps[-1], scales[-1])[None, None]
         if len(maps) > 1:
             disparity += self._sum_at(scales[-1], maps[:-1], scales[:-1], maps[-1].shape, gain=1.0)
-        yield enlarge([self._refine(left, right, disparity)], scales[-1:])
+        refined = self._refine(left, right, disparity)
+        yield enlarge([refined], [scales[-1] * disparity.shape[3] // refined.shape[1]])
 
     def _residual(self, features: Tensor, finer: Tensor, disparity: Tensor | None, stage: int) -> Tensor:
         """[h, w]: what stage number `stage`, from 0, adds, in pixels of its features; `finer` is for the first one."""
@@ -303,19 +308,20 @@ class InferenceGraph:
         return out[None, None]
 
     def _refine(self, left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
-        """[1, 1, h, w] at the finest features' resolution to [h, w]."""
+        """[1, 1, h, w] at the finest features' resolution to [h, w] or, upsampled, [2h, 2w]."""
         height, width = disparity.shape[2:]
+        finest = self.config.finest
 
-        def small(image: Tensor) -> Tensor:
-            out: Tensor = _ops.small_image.default(image, self._mean, self._std, self.config.finest, height, width)
+        def small(image: Tensor, factor: int = finest, block: int = 1) -> Tensor:
+            out: Tensor = _ops.small_image.default(image, self._mean, self._std, factor, block, height, width)
             return out
 
-        guide = small(left)
+        picture = small(left, finest // 2, 2) if self._upsampling is not None else small(left)
         if self.config.spn_fill:
-            disparity = _ops.fill_hidden.default(disparity, self.config.finest)
+            disparity = _ops.fill_hidden.default(disparity, finest)
         if self.config.spn_mismatch:
-            guide = mismatch_guide(guide, small(right), disparity / self.config.finest)
-        guide = run(self._guidance, guide)
+            picture = torch.cat([picture, *mismatch(small(left), small(right), disparity / finest)], 1)
+        guide = run(self._guidance, picture)
         x = self._expand(disparity)
         scans = []
         for layer, direction in zip(self._gates, self.config.spn_directions, strict=True):
@@ -326,7 +332,10 @@ class InferenceGraph:
         if len(scans) > 1 and self.config.spn_combine != "chain":
             together = torch.stack(scans)
             scans.append(together.amax(0) if self.config.spn_combine == "max" else together.mean(0))
-        return self._reduce(scans[-1])[0, 0]
+        out = self._reduce(scans[-1])
+        if self._upsampling is not None:
+            out = _ops.convex_upsampling.default(out, self._upsampling(guide))
+        return out[0, 0]
 
 
 def _blur(x: Tensor, factor: int) -> Tensor:

@@ -255,31 +255,31 @@ class Refinement(nn.Module):
         c = config.spn_channels
         self.directions = config.spn_directions
         self.combine = config.spn_combine
-        inputs = 7 if config.spn_mismatch else 3
+        inputs = (12 if config.spn_upsampling else 3) + (4 if config.spn_mismatch else 0)
         self.guidance = nn.ModuleList(
             Convolution(i, o) for i, o in pairwise([inputs, 2 * c, 2 * c, 2 * c, 3 * c * len(self.directions)])
         )
         self.expand = Convolution(1, c)
         self.reduce = Convolution(c, 1)
+        self.upsampling = Convolution(2 * c, 32, bias=True) if config.spn_upsampling else None
+        if self.upsampling is not None:
+            assert self.upsampling.bias is not None
+            nn.init.zeros_(self.upsampling.weight)
+            with torch.no_grad():
+                self.upsampling.bias.copy_(bilinear_logits())
         # Begins as nearly the identity: from random scales, the first hundreds of steps go into unlearning them.
         for layer, gain in ((self.expand, 1.0), (self.reduce, 1 / c)):
             nn.init.normal_(layer.weight, std=0.1 * gain)
             with torch.no_grad():
                 layer.weight[:, :, 1, 1] += gain
 
-    def gates(self, guide: Tensor) -> Tensor:
-        """[N,3 or 7,H,W] -> [N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
-        for i, layer in enumerate(self.guidance):
-            guide = layer(guide, relu_in=i > 0)
-        n, _, h, w = guide.shape
-        gates = guide.reshape(n, len(self.directions), 3, -1, h, w)
-        # Not a division: the gradient of one takes four more.
-        normalised: Tensor = gates * (gates.abs().sum(2, keepdim=True) + 1e-8).reciprocal()
-        return normalised
-
     def forward(self, guide: Tensor, disparity: Tensor) -> Tensor:
-        """Both at the resolution of the finest features."""
-        x, gates = self.expand(disparity), self.gates(guide)
+        """[N,3 to 16,H,W] and [N,1,H,W], at the resolution of the finest features -> [N,1,H,W] or, upsampled, [N,1,2H,2W]."""
+        *layers, last = self.guidance
+        for i, layer in enumerate(layers):
+            guide = layer(guide, relu_in=i > 0)
+        gates = self._normalised(last(guide, relu_in=True))
+        x = self.expand(disparity)
         if self.combine == "chain" or len(self.directions) == 1:
             for i, d in enumerate(self.directions):
                 x = spatial_propagation(x, gates[:, i], d)
@@ -287,7 +287,42 @@ class Refinement(nn.Module):
             scans = torch.stack([spatial_propagation(x, gates[:, i], d) for i, d in enumerate(self.directions)])
             x = scans.amax(0) if self.combine == "max" else scans.mean(0)
         out: Tensor = self.reduce(x)
-        return out
+        return out if self.upsampling is None else convex_upsampling(out, self.upsampling(guide, relu_in=True))
+
+    def _normalised(self, gates: Tensor) -> Tensor:
+        """[N, directions, 3, C, H, W]; over the three neighbours, absolute values sum to 1."""
+        n, _, h, w = gates.shape
+        gates = gates.reshape(n, len(self.directions), 3, -1, h, w)
+        # Not a division: the gradient of one takes four more.
+        return gates * (gates.abs().sum(2, keepdim=True) + 1e-8).reciprocal()
+
+
+def convex_upsampling(x: Tensor, logits: Tensor) -> Tensor:
+    """Twice the size, each pixel a weighted mean of the nine around it: sharp edges need not blur.
+
+    Args:
+        x: [N, 1, H, W].
+        logits: [N, 32, H, W], of the weights: of the four pixels that one becomes, row by row, those of its eight
+            neighbours, row by row; its own is 0.
+
+    Returns: [N, 1, 2H, 2W].
+
+    Teed and Deng, "RAFT", arXiv 2003.12039, section 3.3.
+    """
+    n, _, h, w = x.shape
+    padded = F.pad(x, (1, 1, 1, 1), mode="replicate")
+    around = torch.stack([padded[:, 0, i : i + h, j : j + w] for i in range(3) for j in range(3)], 1)
+    before, after = logits.view(n, 4, 8, h, w).split(4, 2)
+    weights = torch.cat([before, torch.zeros_like(before[:, :, :1]), after], 2).softmax(2)
+    return F.pixel_shuffle((weights * around[:, None]).sum(2), 2)
+
+
+def bilinear_logits() -> Tensor:
+    """[32]: those of `convex_upsampling` that make it nearly bilinear, with something left to each neighbour."""
+    axis = torch.tensor([[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]])
+    weights = torch.einsum("ai,bj->abij", axis, axis).clamp(min=0.01).view(4, 9)
+    logits = (weights / weights[:, 4:5]).log()
+    return torch.cat([logits[:, :4], logits[:, 5:]], 1).flatten()
 
 
 def hidden(disparity: Tensor) -> tuple[Tensor, Tensor]:
@@ -315,9 +350,9 @@ def filled(disparity: Tensor, pixel: float) -> Tensor:
     return disparity
 
 
-def mismatch_guide(left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
-    """[N, 7, H, W]: the left image, how the right one warped by the disparity differs from it, and the disparity."""
-    return torch.cat([left, warp(right, disparity) - left, disparity / 16], 1)
+def mismatch(left: Tensor, right: Tensor, disparity: Tensor) -> list[Tensor]:
+    """[N, 3, H, W]: how the right image warped by the disparity differs from the left one; [N, 1, H, W]: the disparity."""
+    return [warp(right, disparity) - left, disparity / 16]
 
 
 class AnyNet(nn.Module):
@@ -404,13 +439,14 @@ class AnyNet(nn.Module):
                     estimate = resize(residual, (height, width), scale=scale, add=estimate)
             yield estimate
         assert estimate is not None
-        finest = (height // self.config.finest, width // self.config.finest)
-        guide, estimate = resize(left, finest), resize(estimate, finest)
+        h, w = height // self.config.finest, width // self.config.finest
+        small, estimate = resize(left, (h, w)), resize(estimate, (h, w))
         if self.config.spn_fill:
             estimate = filled(estimate, self.config.finest)
+        guide = [F.pixel_unshuffle(resize(left, (2 * h, 2 * w)), 2) if self.config.spn_upsampling else small]
         if self.config.spn_mismatch:
-            guide = mismatch_guide(guide, resize(right, finest), estimate.detach() / self.config.finest)
-        yield resize(self.refinement(guide, estimate), (height, width))
+            guide += mismatch(small, resize(right, (h, w)), estimate.detach() / self.config.finest)
+        yield resize(self.refinement(torch.cat(guide, 1), estimate), (height, width))
 
     def _residual(self, features: Tensor, known: Tensor, stage: int) -> Tensor:
         """What stage number `stage`, from 0, adds to the estimate [N, 1, h, w], all in pixels of its features."""

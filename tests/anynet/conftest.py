@@ -44,6 +44,7 @@ def wild_large_model() -> AnyNet:
             spn_directions=(1, 0),
             spn_combine="chain",
             spn_mismatch=True,
+            spn_upsampling=True,
         ),
         seed=9,
     )
@@ -51,4 +52,4 @@ def wild_large_model() -> AnyNet:
 
 @pytest.fixture(scope="session")
 def wild_updating_model() -> AnyNet:
-    return wild(AnyNetConfig(channels=2, groups=2, neighbours=2))
+    return wild(AnyNetConfig(channels=2, groups=2, neighbours=2, spn_mismatch=True))

@@ -15,10 +15,12 @@ from anynet.network import (
     PreActivation,
     Refinement,
     Update,
+    bilinear_logits,
+    convex_upsampling,
     cost_net,
     filled,
     hidden,
-    mismatch_guide,
+    mismatch,
 )
 
 
@@ -249,13 +251,56 @@ def test_the_guide_shows_where_the_images_do_not_match() -> None:
     left = torch.roll(right, 5, dims=3)
     disparity = torch.full((1, 1, 12, 40), 5.0)
     disparity[..., 6:, :] = 3
-    guide = mismatch_guide(left, right, disparity)
-    assert guide.shape == (1, 7, 12, 40)
-    assert torch.equal(guide[:, :3], left)
-    assert (guide[:, 3:6, :6, 5:] == 0).all()
-    assert (guide[:, 3:6, :6, :5] == -left[..., :6, :5]).all()  # the right camera does not see these
-    assert (guide[:, 3:6, 6:, 5:].abs() > 1e-3).float().mean() > 0.99
-    assert torch.equal(guide[:, 6:], disparity / 16)
+    difference, scaled = mismatch(left, right, disparity)
+    assert difference.shape == (1, 3, 12, 40)
+    assert (difference[..., :6, 5:] == 0).all()
+    assert (difference[..., :6, :5] == -left[..., :6, :5]).all()  # the right camera does not see these
+    assert (difference[..., 6:, 5:].abs() > 1e-3).float().mean() > 0.99
+    assert torch.equal(scaled, disparity / 16)
+
+
+def test_convex_upsampling_takes_what_the_logits_say() -> None:
+    x = torch.arange(20.0).view(1, 1, 4, 5)
+    logits = torch.zeros(1, 4, 8, 4, 5)
+    logits[:, 1, 4] = 100  # the upper right one of the four: the right neighbour
+    logits[:, 2, 1] = 100  # the lower left one: the one above
+    logits[:, 3] = -100  # the lower right one: itself
+    out = convex_upsampling(x, logits.view(1, 32, 4, 5))
+    assert out.shape == (1, 1, 8, 10)
+    torch.testing.assert_close(out[..., ::2, 1::2], torch.cat([x[..., 1:], x[..., -1:]], 3))
+    torch.testing.assert_close(out[..., 1::2, ::2], torch.cat([x[..., :1, :], x[..., :-1, :]], 2))
+    torch.testing.assert_close(out[..., 1::2, 1::2], x)
+    around = F.avg_pool2d(F.pad(x, (1, 1, 1, 1), mode="replicate"), 3, 1)
+    torch.testing.assert_close(out[..., ::2, ::2], around)
+
+
+def test_convex_upsampling_begins_as_nearly_bilinear() -> None:
+    x, _ = pair(7, 9)
+    x = x[:, :1]
+    out = convex_upsampling(x, bilinear_logits().view(1, 32, 1, 1).expand(1, 32, 7, 9))
+    bilinear = F.interpolate(x, scale_factor=2, mode="bilinear")
+    assert 0 < (out - bilinear).abs().max() < 0.2 * bilinear.std()
+    model = AnyNet(replace(AnyNetConfig(), spn_upsampling=True)).eval()
+    seen = []
+    model.refinement.reduce.register_forward_hook(lambda *args: seen.append(args[2]))
+    with torch.no_grad():
+        *_, last = model(*pair(64, 96))
+    (refined,) = seen
+    rough = F.interpolate(refined, scale_factor=4, mode="bilinear")
+    assert (last - rough).abs().mean() < 0.1 * rough.std()
+
+
+def test_an_upsampling_refinement_sees_the_image_at_twice_the_finest_resolution() -> None:
+    """Two images that are one at the finest features' resolution still guide it differently."""
+    config = replace(AnyNetConfig(), input_scale=2, spn_upsampling=True)
+    model = AnyNet(config).eval()
+    seen = []
+    model.refinement.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+    left, right = pair(32, 48)
+    with torch.no_grad():
+        model(left, right)
+    (guide,) = seen
+    assert torch.equal(F.pixel_shuffle(guide, 2), left)
 
 
 def scene() -> tuple[torch.Tensor, torch.Tensor]:

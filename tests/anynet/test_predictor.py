@@ -60,15 +60,20 @@ def updating_weights(tmp_path_factory: pytest.TempPathFactory, wild_updating_mod
     return path
 
 
-@pytest.mark.parametrize("network", ["weights", "large_weights", "filling_weights", "updating_weights"])
+@pytest.mark.parametrize(
+    ("network", "input_scale"),
+    [("weights", 1), ("large_weights", 2), ("large_weights", 1), ("filling_weights", 1), ("updating_weights", 1)],
+)
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (37, 61), (64, 128)])
-def test_stages_are_the_networks(request: pytest.FixtureRequest, height: int, width: int, network: str) -> None:
+def test_stages_are_the_networks(
+    request: pytest.FixtureRequest, height: int, width: int, network: str, input_scale: int
+) -> None:
     weights = request.getfixturevalue(network)
-    predictor = Predictor(weights)
+    predictor = Predictor(weights, input_scale=input_scale)
     left, right = pair(height, width)
     tensors = [torch.from_numpy((image / 255 - MEAN) / STD).permute(2, 0, 1)[None].float() for image in (left, right)]
     with torch.no_grad():
-        expected = load_checkpoint(weights)(*tensors)
+        expected = load_checkpoint(weights, input_scale)(*tensors)
     estimates = list(predictor.stages(left, right))
     assert [e.stage for e in estimates] == list(range(1, 6 if network == "large_weights" else 5))
     for estimate, disparity in zip(estimates, expected, strict=True):

@@ -99,11 +99,19 @@ def test_window_extremes(shape: tuple[int, ...], radius: int) -> None:
     check("window_extremes", random(*shape), radius, rtol=None, atol=None)
 
 
-@pytest.mark.parametrize("factor", [2, 4])
+@pytest.mark.parametrize("shape", [(1, 1, 1, 1), (2, 1, 5, 70), (1, 1, 3, 16), (1, 1, 40, 33), (0, 1, 4, 4)])
+def test_convex_upsampling(shape: tuple[int, ...]) -> None:
+    logits = 3 * random(shape[0], 32, *shape[2:])
+    logits[..., ::3] *= 100  # one neighbour alone
+    check("convex_upsampling", random(*shape), logits, atol=1e-5)
+
+
+@pytest.mark.parametrize("block", [1, 2])
+@pytest.mark.parametrize("factor", [1, 2, 4])
 @pytest.mark.parametrize(("height", "width"), [(4, 4), (16, 20), (1, 1), (37, 61)])
-def test_small_image(height: int, width: int, factor: int) -> None:
-    size = -(-height // factor), -(-width // factor)
-    check("small_image", image(height, width), random(3), random(3).abs() + 1, factor, *size)
+def test_small_image(height: int, width: int, factor: int, block: int) -> None:
+    size = -(-height // (factor * block)), -(-width // (factor * block))
+    check("small_image", image(height, width), random(3), random(3).abs() + 1, factor, *size, block=block)
 
 
 def test_operators_are_good_citizens() -> None:
@@ -132,7 +140,9 @@ def test_operators_are_good_citizens() -> None:
         (ops.normalised_propagation, (random(1, 2, 4, 4), random(1, 3, 2, 4, 4), 2)),
         (ops.fill_hidden, (10 * random(1, 1, 4, 30), 2.0)),
         (ops.window_extremes, (random(2, 1, 4, 30), 2)),
-        (ops.small_image, (image(8, 8), random(3), random(3), 4, 2, 2)),
+        (ops.convex_upsampling, (random(2, 1, 4, 5), random(2, 32, 4, 5))),
+        (ops.small_image, (image(8, 8), random(3), random(3), 4, 1, 2, 2)),
+        (ops.small_image, (image(8, 8), random(3), random(3), 1, 2, 4, 4)),
     ):
         torch.library.opcheck(op.default, args)
 
@@ -186,5 +196,11 @@ def test_errors() -> None:
         inference.window_extremes(random(1, 1, 3, 4), -1)
     with pytest.raises(RuntimeError, match="at least one pixel"):
         inference.small_image(image(8, 8), random(3), random(3), 4, 0, 2)
-    with pytest.raises(RuntimeError, match="factor 2 or 4, got 3"):
+    with pytest.raises(RuntimeError, match="factor 1, 2 or 4, got 3"):
         inference.small_image(image(8, 8), random(3), random(3), 3, 2, 2)
+    with pytest.raises(RuntimeError, match="block 1 or 2, got 3"):
+        inference.small_image(image(8, 8), random(3), random(3), 1, 2, 2, block=3)
+    with pytest.raises(RuntimeError, match=r"input of shape \[1, 1, 2, 2\], got \[1, 2, 2, 2\]"):
+        inference.convex_upsampling(random(1, 2, 2, 2), random(1, 32, 2, 2))
+    with pytest.raises(RuntimeError, match=r"logits of shape \[1, 32, 2, 2\], got \[1, 36, 2, 2\]"):
+        inference.convex_upsampling(random(1, 1, 2, 2), random(1, 36, 2, 2))

@@ -78,17 +78,29 @@ struct WindowExtremes {
   T* out;       // [N,2,H,W]: largest, smallest
 };
 
-/// The image at half or a quarter of its size, bilinear (so: the mean of the middle 2x2 of each 2x2 or 4x4), and
-/// normalised: out[c] = (small[c] - mean[c]) / std[c]. Beyond the image its last row and column go on.
+/// Twice the size: each of the four pixels that one becomes is a mean of the nine around it, by the softmax of its logits.
+/// Beyond the border lies the border's value.
+template <class T>
+struct ConvexUpsampling {
+  int64_t batch, height, width;
+  const T* in;      // [N,1,H,W], contiguous
+  const T* logits;  // [N,32,H,W], contiguous: of each of the four, of its eight neighbours; row by row. Its own is 0.
+  T* out;           // [N,1,2H,2W]
+};
+
+/// The image at its size, half or a quarter of it, bilinear (so: the mean of the middle 2x2 of each 2x2 or 4x4), and
+/// normalised: small[c] = (image[c] - mean[c]) / std[c]; then its blocks of `block` x `block` pixels as so many
+/// channels: out[c, i, j, y, x] = small[c, block y + i, block x + j]. Beyond the image its last row and column go on.
 template <class T>
 struct SmallImage {
   const uint8_t* image;  // RGB, [image_height, image_width, 3], contiguous
   int64_t image_height, image_width;
-  int64_t factor;         // 2 or 4
+  int64_t factor;         // 1, 2 or 4
+  int64_t block;          // 1 or 2
   int64_t height, width;  // of the output
   const T* mean;          // [3], in bytes' units, as std
   const T* std;           // [3]
-  T* out;                 // [3,height,width]
+  T* out;                 // [3,block,block,height,width]
 };
 
 ANYNET_DECLARE_KERNEL(upsample_sum, UpsampleSum)
@@ -97,6 +109,7 @@ ANYNET_DECLARE_KERNEL(upsample_add, UpsampleAdd)
 ANYNET_DECLARE_KERNEL(max_pool, MaxPool)
 ANYNET_DECLARE_KERNEL(fill_hidden, FillHidden)
 ANYNET_DECLARE_KERNEL(window_extremes, WindowExtremes)
+ANYNET_DECLARE_KERNEL(convex_upsampling, ConvexUpsampling)
 ANYNET_DECLARE_KERNEL(small_image, SmallImage)
 
 }  // namespace anynet

@@ -2,6 +2,7 @@
 #include <limits>
 #include <utility>
 
+#include "../common/exp.h"
 #include "../common/parallel.h"
 #include "../common/scratch.h"
 #include "../common/simd.h"
@@ -268,18 +269,70 @@ void window_extremes(const WindowExtremes<T>& a, int threads) {
 }
 
 template <class T>
+void convex_upsampling(const ConvexUpsampling<T>& a, int threads) {
+  // A vector more than the widths, so that the last vectors of a row need no case of their own.
+  const int64_t padded = round_up(a.width, lanes<T>) + 2, plane = a.height * a.width;
+  const int64_t rows = a.batch * a.height;
+  parallel_ranges(rows, useful_threads(rows * a.width * 256, threads), [&](int64_t begin, int64_t end) {
+    const Scratch<T> around(3 * padded), even(padded), odd(padded);
+    for (int64_t task = begin; task < end; ++task) {
+      const int64_t n = task / a.height, y = task % a.height;
+      for (int64_t i = 0; i < 3; ++i) {
+        const T* row = a.in + n * plane + std::clamp<int64_t>(y + i - 1, 0, a.height - 1) * a.width;
+        T* line = around + i * padded;
+        line[0] = row[0];
+        std::copy_n(row, a.width, line + 1);
+        std::fill(line + 1 + a.width, line + padded, row[a.width - 1]);
+      }
+      const T* logits = a.logits + n * 32 * plane + y * a.width;
+      const auto enlarge = [&](const T* logits, T* line) {
+        for (int64_t x = 0; x < a.width; x += lanes<T>) {
+          vec<T> logit[8], most{};
+          for (int k = 0; k < 8; ++k) {
+            logit[k] = read_vector(logits + k * plane + x, 1, std::min<int64_t>(a.width - x, lanes<T>));
+            most = larger<T>(most, logit[k]);
+          }
+          vec<T> sum = exp_nonpositive<T>(-most), value = sum * load(around + padded + x + 1);
+          for (int k = 0; k < 8; ++k) {
+            const int i = k < 4 ? k : k + 1;
+            const vec<T> weight = exp_nonpositive<T>(logit[k] - most);
+            sum += weight;
+            value += weight * load(around + i / 3 * padded + i % 3 + x);
+          }
+          store(line + x, value / sum);
+        }
+      };
+      for (int64_t i = 0; i < 2; ++i) {
+        enlarge(logits + 16 * i * plane, even);
+        enlarge(logits + (16 * i + 8) * plane, odd);
+        T* __restrict out = a.out + (task * 2 + i) * 2 * a.width;
+        const T *__restrict left = even, *__restrict right = odd;
+        for (int64_t x = 0; x < a.width; ++x) {
+          out[2 * x] = left[x];
+          out[2 * x + 1] = right[x];
+        }
+      }
+    }
+  });
+}
+
+template <class T>
 void small_image(const SmallImage<T>& a, int threads) {
-  const int64_t first = a.factor / 2 - 1;
+  const int64_t first = std::max<int64_t>(a.factor / 2 - 1, 0), second = a.factor / 2;
   const T gain[3] = {T(0.25) / a.std[0], T(0.25) / a.std[1], T(0.25) / a.std[2]};
-  parallel_for(a.height, useful_threads(a.height * a.width * 16, threads), [&](int64_t y) {
-    const uint8_t* upper = a.image + std::min(a.factor * y + first, a.image_height - 1) * a.image_width * 3;
-    const uint8_t* lower = a.image + std::min(a.factor * y + first + 1, a.image_height - 1) * a.image_width * 3;
-    for (int64_t x = 0; x < a.width; ++x) {
-      const int64_t left = 3 * std::min(a.factor * x + first, a.image_width - 1),
-                    right = 3 * std::min(a.factor * x + first + 1, a.image_width - 1);
-      for (int c = 0; c < 3; ++c) {
-        const int32_t sum = upper[left + c] + upper[right + c] + lower[left + c] + lower[right + c];
-        a.out[(c * a.height + y) * a.width + x] = (static_cast<T>(sum) - 4 * a.mean[c]) * gain[c];
+  const int64_t plane = a.height * a.width, rows = a.block * a.height;
+  parallel_for(rows, useful_threads(rows * a.block * a.width * 16, threads), [&](int64_t row) {
+    const auto line = [&](int64_t y) { return a.image + std::min(y, a.image_height - 1) * a.image_width * 3; };
+    const auto column = [&](int64_t x) { return 3 * std::min(x, a.image_width - 1); };
+    const uint8_t *upper = line(a.factor * row + first), *lower = line(a.factor * row + second);
+    for (int64_t j = 0; j < a.block; ++j) {
+      T* out = a.out + (row % a.block * a.block + j) * plane + row / a.block * a.width;
+      for (int64_t x = 0; x < a.width; ++x) {
+        const int64_t from = a.factor * (a.block * x + j), left = column(from + first), right = column(from + second);
+        for (int c = 0; c < 3; ++c) {
+          const int32_t sum = upper[left + c] + upper[right + c] + lower[left + c] + lower[right + c];
+          out[c * a.block * a.block * plane + x] = (static_cast<T>(sum) - 4 * a.mean[c]) * gain[c];
+        }
       }
     }
   });
@@ -291,6 +344,7 @@ template void upsample_add<float>(const UpsampleAdd<float>&, int);
 template void max_pool<float>(const MaxPool<float>&, int);
 template void fill_hidden<float>(const FillHidden<float>&, int);
 template void window_extremes<float>(const WindowExtremes<float>&, int);
+template void convex_upsampling<float>(const ConvexUpsampling<float>&, int);
 template void small_image<float>(const SmallImage<float>&, int);
 
 }  // namespace anynet::ANYNET_ISA

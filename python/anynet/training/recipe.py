@@ -136,10 +136,9 @@ LARGE = AnyNetConfig(
     cost_channels=(16, 24, 16),
     ranges=((0, 11), (-3, 3), (-2, 2)),
     neighbours=2,
-    spn_directions=(1, 0),
-    spn_combine="chain",
     spn_fill=True,
     spn_mismatch=True,
+    spn_upsampling=True,
 )
 
 ENLARGED = Recipe(
