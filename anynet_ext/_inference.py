@@ -174,20 +174,43 @@ def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
     return out
 
 
-def window_extremes(input: Tensor, radius: int) -> Tensor:
-    """The largest and the smallest value within `radius` rows and columns of each pixel.
+def update_picture(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
+    """What a residual stage's network looks at (`anynet.network.Update`).
 
     Args:
-        input: [N, 1, H, W] float32, contiguous, finite.
-        radius: 0 or more.
+        features: [2, C, H, W] float32, contiguous: of the left image and the right one.
+        disparity: [1, 1, H, W] float32, contiguous, finite, in the features' pixels.
+        groups: of channels that are compared, each with costs of its own.
+        first, last: residuals to test.
+        radius: rows and columns within which the nearest and the farthest disparity are tested too.
 
     Returns:
-        [N, 2, H, W]: largest, smallest.
+        [1, groups * (last - first + 3) + C + 2, H, W]: each group's costs of the residuals, each group's of the
+        nearest disparity, and of the farthest; the left features; the nearest and the farthest as residuals.
 
     Raises:
-        RuntimeError: if an argument has the wrong dtype, layout or value.
+        RuntimeError: if an argument has the wrong dtype, shape, layout or value.
     """
-    out: Tensor = torch.ops.anynet.window_extremes(input, radius)
+    out: Tensor = torch.ops.anynet.update_picture(features, disparity, groups, first, last, radius)
+    return out
+
+
+def expected_disparity(cost: Tensor, disparity: Tensor, offsets: Tensor, first: int) -> Tensor:
+    """The disparity and the mean of the residuals first, first + 1, ..., offsets[:, 0], offsets[:, 1], by softmax(-cost).
+
+    Args:
+        cost: [1, K, H, W] float32, contiguous, K >= 2.
+        disparity: [1, 1, H, W] float32, contiguous.
+        offsets: [1, 2, H, W] float32, contiguous.
+        first: residual of the first cost.
+
+    Returns:
+        [1, 1, H, W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype, shape or layout.
+    """
+    out: Tensor = torch.ops.anynet.expected_disparity(cost, disparity, offsets, first)
     return out
 
 
@@ -279,9 +302,15 @@ def _fake_fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
     return torch.empty_like(disparity, memory_format=torch.contiguous_format)
 
 
-def _fake_window_extremes(input: Tensor, radius: int) -> Tensor:
-    n, _, h, w = input.shape
-    return input.new_empty(n, 2, h, w)
+def _fake_update_picture(
+    features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int
+) -> Tensor:
+    _, c, h, w = features.shape
+    return features.new_empty(1, groups * (last - first + 3) + c + 2, h, w)
+
+
+def _fake_expected_disparity(cost: Tensor, disparity: Tensor, offsets: Tensor, first: int) -> Tensor:
+    return torch.empty_like(disparity, memory_format=torch.contiguous_format)
 
 
 def _fake_convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
@@ -308,7 +337,8 @@ for _fake in (
     _fake_max_pool,
     _fake_normalised_propagation,
     _fake_fill_hidden,
-    _fake_window_extremes,
+    _fake_update_picture,
+    _fake_expected_disparity,
     _fake_convex_upsampling,
     _fake_small_image,
 ):

@@ -214,11 +214,23 @@ def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
     return disparity
 
 
-def window_extremes(input: Tensor, radius: int) -> Tensor:
-    """[max, min] of the (2 radius + 1)^2 pixels around each"""
+def update_picture(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
+    """[groups' costs of the residuals, of the nearest and of the farthest within the radius; left; their offsets]"""
+    left, right = features.unflatten(1, (groups, -1)).unbind()
     window = 2 * radius + 1
-    near, far = (sign * F.max_pool2d(sign * input, window, 1, radius) for sign in (1, -1))
-    return torch.cat([near, far], 1)
+    near, far = (sign * F.max_pool2d(sign * disparity, window, 1, radius) for sign in (1, -1))
+    costs = [
+        cost_volume(left, right, at.expand(groups, -1, -1, -1), *span).flatten(0, 1)
+        for at, span in ((disparity, (first, last)), (near, (0, 0)), (far, (0, 0)))
+    ]
+    return torch.cat([*costs, features[0], (near - disparity)[0], (far - disparity)[0]])[None]
+
+
+def expected_disparity(cost: Tensor, disparity: Tensor, offsets: Tensor, first: int) -> Tensor:
+    """disparity + sum of softmax(-cost) * [first, first + 1, ..., offsets]"""
+    steps = torch.arange(first, first + cost.shape[1] - 2, dtype=cost.dtype)[:, None, None]
+    residuals = torch.cat([steps.expand(-1, *cost.shape[2:])[None], offsets], 1)
+    return disparity + ((-cost).softmax(1) * residuals).sum(1, keepdim=True)
 
 
 def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:

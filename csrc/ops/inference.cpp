@@ -127,15 +127,67 @@ Tensor fill_hidden(const Tensor& disparity, double pixel) {
   return out;
 }
 
-Tensor window_extremes(const Tensor& input, int64_t radius) {
-  check_contiguous("window_extremes", "input", input, 4);
-  ANYNET_CHECK(input.size(1) == 1, "window_extremes: expected an input of one channel, got ", shape(input));
-  ANYNET_CHECK(radius >= 0, "window_extremes: expected a radius of 0 or more, got ", radius);
-  Tensor out = empty_like(input, {input.size(0), 2, input.size(2), input.size(3)});
+Tensor update_picture(const Tensor& features, const Tensor& disparity, int64_t groups, int64_t first, int64_t last,
+                      int64_t radius) {
+  check_contiguous("update_picture", "features", features, 4);
+  check_contiguous("update_picture", "disparity", disparity, 4);
+  const int64_t channels = features.size(1), height = features.size(2), width = features.size(3);
+  check_tensor("update_picture", "features", features, {2, channels, height, width}, features);
+  check_tensor("update_picture", "disparity", disparity, {1, 1, height, width}, features);
+  ANYNET_CHECK(groups > 0 && channels % groups == 0, "update_picture: expected groups to divide the ", channels,
+               " channels, got ", groups);
+  ANYNET_CHECK(first <= last, "update_picture: expected first <= last, got first ", first, " and last ", last);
+  ANYNET_CHECK(radius >= 0, "update_picture: expected a radius of 0 or more, got ", radius);
+  const int64_t tested = last - first + 1, pixels = height * width;
+  Tensor out = empty_like(features, {1, groups * (tested + 2) + channels + 2, height, width});
   if (out.numel() == 0) return out;
-  const WindowExtremes<float> args{input.size(0), input.size(2),      input.size(3),
-                                   radius,        data<float>(input), data<float>(out)};
-  anynet::window_extremes(chosen_isa(), args, num_threads());
+  const Isa isa = chosen_isa();
+  const int threads = num_threads();
+  float* near_costs = data<float>(out) + groups * tested * pixels;
+  float* far_costs = near_costs + groups * pixels;
+  float* copy = far_costs + groups * pixels;
+  float* extremes = copy + channels * pixels;
+  const WindowExtremes<float> window{1, height, width, radius, data<float>(disparity), extremes};
+  anynet::window_extremes(isa, window, threads);
+
+  const auto compare = [&](const float* around, int64_t from, int64_t count, float* costs) {
+    View4<const float> left = view<float>(features), at = view<float>(disparity);
+    left.size[0] = at.size[0] = groups;
+    left.size[1] = channels / groups;
+    left.stride[0] = left.size[1] * pixels;
+    at.data = around;
+    at.stride[0] = 0;
+    View4<const float> right = left;
+    right.data += channels * pixels;
+    const CostVolume<float> args{left, right, at, from, count, costs};
+    anynet::cost_volume(isa, args, threads);
+  };
+  compare(data<float>(disparity), first, tested, data<float>(out));
+  compare(extremes, 0, 1, near_costs);
+  compare(extremes + pixels, 0, 1, far_costs);
+  const UpdatePicture<float> rest{channels, pixels, data<float>(features), data<float>(disparity), copy, extremes};
+  anynet::update_picture(isa, rest, threads);
+  return out;
+}
+
+Tensor expected_disparity(const Tensor& cost, const Tensor& disparity, const Tensor& offsets, int64_t first) {
+  check_contiguous("expected_disparity", "cost", cost, 4);
+  check_contiguous("expected_disparity", "disparity", disparity, 4);
+  check_contiguous("expected_disparity", "offsets", offsets, 4);
+  const int64_t count = cost.size(1), height = cost.size(2), width = cost.size(3);
+  ANYNET_CHECK(cost.size(0) == 1 && count >= 2, "expected_disparity: expected cost of shape [1, 2 or more, H, W], got ",
+               shape(cost));
+  check_tensor("expected_disparity", "disparity", disparity, {1, 1, height, width}, cost);
+  check_tensor("expected_disparity", "offsets", offsets, {1, 2, height, width}, cost);
+  Tensor out = contiguous_like(disparity);
+  const ExpectedDisparity<float> args{count,
+                                      height * width,
+                                      data<float>(cost),
+                                      data<float>(disparity),
+                                      data<float>(offsets),
+                                      static_cast<float>(first),
+                                      data<float>(out)};
+  anynet::expected_disparity(chosen_isa(), args, num_threads());
   return out;
 }
 
@@ -182,7 +234,11 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("fill_hidden(Tensor disparity, float pixel) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("window_extremes(Tensor input, int radius) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def(
+      "update_picture(Tensor features, Tensor disparity, int groups, int first, int last, int radius) -> Tensor",
+      {at::Tag::pt2_compliant_tag});
+  m.def("expected_disparity(Tensor cost, Tensor disparity, Tensor offsets, int first) -> Tensor",
+        {at::Tag::pt2_compliant_tag});
   m.def("convex_upsampling(Tensor input, Tensor logits) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def(
       "small_image(Tensor image, Tensor mean, Tensor std, int factor, int block, SymInt height, SymInt width) -> "
@@ -200,7 +256,8 @@ STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
   m.impl("max_pool", TORCH_BOX(&max_pool));
   m.impl("normalised_propagation", TORCH_BOX(&normalised_propagation));
   m.impl("fill_hidden", TORCH_BOX(&fill_hidden));
-  m.impl("window_extremes", TORCH_BOX(&window_extremes));
+  m.impl("update_picture", TORCH_BOX(&update_picture));
+  m.impl("expected_disparity", TORCH_BOX(&expected_disparity));
   m.impl("convex_upsampling", TORCH_BOX(&convex_upsampling));
   m.impl("small_image", TORCH_BOX(&small_image));
 }

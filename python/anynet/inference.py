@@ -15,7 +15,6 @@ from anynet.network import (
     AnyNet,
     Hourglass,
     PreActivation,
-    expected_residual,
     few_channels,
     gates_of,
     halved,
@@ -83,19 +82,10 @@ class _Update:
     radius: int
 
     def __call__(self, features: Tensor, disparity: Tensor) -> Tensor:
-        left, right = _grouped(features, self.groups)
-
-        def costs(disparity: Tensor, first: int, last: int) -> Tensor:
-            each = disparity.expand(self.groups, -1, -1, -1)
-            volume: Tensor = _ops.cost_volume.default(left, right, each, first, last)
-            return volume.view(1, -1, *volume.shape[2:])
-
-        near, far = _ops.window_extremes.default(disparity, self.radius).split(1, 1)
-        offsets = near - disparity, far - disparity
-        picture = torch.cat(
-            [costs(disparity, *self.span), costs(near, 0, 0), costs(far, 0, 0), features[:1], *offsets], 1
-        )
-        return disparity + expected_residual(run(self.layers, picture), self.span[0], offsets)
+        picture = _ops.update_picture.default(features, disparity, self.groups, *self.span, self.radius)
+        cost = run(self.layers, picture)
+        out: Tensor = _ops.expected_disparity.default(cost, disparity, picture[:, -2:], self.span[0])
+        return out
 
 
 def _grouped(features: Tensor, groups: int) -> tuple[Tensor, Tensor]:

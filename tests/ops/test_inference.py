@@ -94,9 +94,17 @@ def test_fill_hidden(shape: tuple[int, ...], pixel: float) -> None:
 
 
 @pytest.mark.parametrize("radius", [0, 1, 2, 5])
-@pytest.mark.parametrize("shape", [(1, 1, 1, 1), (2, 1, 5, 70), (1, 1, 3, 4), (0, 1, 4, 4)])
-def test_window_extremes(shape: tuple[int, ...], radius: int) -> None:
-    check("window_extremes", random(*shape), radius, rtol=None, atol=None)
+@pytest.mark.parametrize("groups", [1, 2])
+@pytest.mark.parametrize("size", [(1, 1), (5, 70), (3, 4), (12, 33)])
+def test_update_picture(size: tuple[int, int], groups: int, radius: int) -> None:
+    check("update_picture", random(2, 4, *size), 5 * random(1, 1, *size), groups, -2, 1, radius, atol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(1, 2, 1, 1), (1, 7, 5, 70), (1, 9, 3, 16), (1, 3, 40, 33)])
+def test_expected_disparity(shape: tuple[int, ...]) -> None:
+    cost, disparity, offsets = 5 * random(*shape), random(1, 1, *shape[2:]), 10 * random(1, 2, *shape[2:])
+    cost[..., ::3] *= 100  # one residual alone
+    check("expected_disparity", cost, disparity, offsets, -3, atol=1e-5)
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 1, 1), (2, 1, 5, 70), (1, 1, 3, 16), (1, 1, 40, 33), (0, 1, 4, 4)])
@@ -139,7 +147,8 @@ def test_operators_are_good_citizens() -> None:
         (ops.max_pool, (random(1, 2, 4, 4), random(2), random(2))),
         (ops.normalised_propagation, (random(1, 2, 4, 4), random(1, 3, 2, 4, 4), 2)),
         (ops.fill_hidden, (10 * random(1, 1, 4, 30), 2.0)),
-        (ops.window_extremes, (random(2, 1, 4, 30), 2)),
+        (ops.update_picture, (random(2, 4, 4, 30), random(1, 1, 4, 30), 2, -2, 2, 2)),
+        (ops.expected_disparity, (random(1, 5, 4, 30), random(1, 1, 4, 30), random(1, 2, 4, 30), -1)),
         (ops.convex_upsampling, (random(2, 1, 4, 5), random(2, 32, 4, 5))),
         (ops.small_image, (image(8, 8), random(3), random(3), 4, 1, 2, 2)),
         (ops.small_image, (image(8, 8), random(3), random(3), 1, 2, 4, 4)),
@@ -190,10 +199,21 @@ def test_errors() -> None:
         inference.fill_hidden(random(3, 4), 1.0)
     with pytest.raises(RuntimeError, match="pixel above 0, got 0"):
         inference.fill_hidden(random(1, 1, 3, 4), 0.0)
-    with pytest.raises(RuntimeError, match=r"window_extremes: expected an input of one channel, got \[1, 2, 3, 4\]"):
-        inference.window_extremes(random(1, 2, 3, 4), 1)
+    features, disparity = random(2, 4, 3, 5), random(1, 1, 3, 5)
+    with pytest.raises(RuntimeError, match=r"features of shape \[2, 4, 3, 5\], got \[1, 4, 3, 5\]"):
+        inference.update_picture(features[:1], disparity, 2, -2, 2, 1)
+    with pytest.raises(RuntimeError, match=r"disparity of shape \[1, 1, 3, 5\], got \[1, 4, 3, 5\]"):
+        inference.update_picture(features, features[:1], 2, -2, 2, 1)
+    with pytest.raises(RuntimeError, match="groups to divide the 4 channels, got 3"):
+        inference.update_picture(features, disparity, 3, -2, 2, 1)
+    with pytest.raises(RuntimeError, match="first <= last, got first 2 and last -2"):
+        inference.update_picture(features, disparity, 2, 2, -2, 1)
     with pytest.raises(RuntimeError, match="radius of 0 or more, got -1"):
-        inference.window_extremes(random(1, 1, 3, 4), -1)
+        inference.update_picture(features, disparity, 2, -2, 2, -1)
+    with pytest.raises(RuntimeError, match=r"cost of shape \[1, 2 or more, H, W\], got \[1, 1, 3, 5\]"):
+        inference.expected_disparity(disparity, disparity, disparity, 0)
+    with pytest.raises(RuntimeError, match=r"offsets of shape \[1, 2, 3, 5\], got \[1, 1, 3, 5\]"):
+        inference.expected_disparity(features[:1], disparity, disparity, 0)
     with pytest.raises(RuntimeError, match="at least one pixel"):
         inference.small_image(image(8, 8), random(3), random(3), 4, 0, 2)
     with pytest.raises(RuntimeError, match="factor 1, 2 or 4, got 3"):

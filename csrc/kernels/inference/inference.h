@@ -78,6 +78,27 @@ struct WindowExtremes {
   T* out;       // [N,2,H,W]: largest, smallest
 };
 
+/// What is left of a residual stage's picture, beside its cost volumes: features copied, extremes made offsets.
+template <class T>
+struct UpdatePicture {
+  int64_t channels, pixels;
+  const T* features;   // [C,H,W], contiguous
+  const T* disparity;  // [H,W], contiguous
+  T* copy;             // [C,H,W]
+  T* offsets;          // [2,H,W]: extremes before, less the disparity after
+};
+
+/// out = disparity + sum_k softmax(-cost)[k] residual[k]; the residuals are first, first + 1, ..., offsets[0], offsets[1]
+template <class T>
+struct ExpectedDisparity {
+  int64_t count, pixels;  // of the residuals, all of them
+  const T* cost;          // [count,H,W], contiguous
+  const T* disparity;     // [H,W], contiguous
+  const T* offsets;       // [2,H,W], contiguous
+  T first;
+  T* out;  // [H,W]
+};
+
 /// Twice the size: each of the four pixels that one becomes is a mean of the nine around it, by the softmax of its logits.
 /// Beyond the border lies the border's value.
 template <class T>
@@ -109,6 +130,8 @@ ANYNET_DECLARE_KERNEL(upsample_add, UpsampleAdd)
 ANYNET_DECLARE_KERNEL(max_pool, MaxPool)
 ANYNET_DECLARE_KERNEL(fill_hidden, FillHidden)
 ANYNET_DECLARE_KERNEL(window_extremes, WindowExtremes)
+ANYNET_DECLARE_KERNEL(update_picture, UpdatePicture)
+ANYNET_DECLARE_KERNEL(expected_disparity, ExpectedDisparity)
 ANYNET_DECLARE_KERNEL(convex_upsampling, ConvexUpsampling)
 ANYNET_DECLARE_KERNEL(small_image, SmallImage)
 

@@ -269,6 +269,41 @@ void window_extremes(const WindowExtremes<T>& a, int threads) {
 }
 
 template <class T>
+void update_picture(const UpdatePicture<T>& a, int threads) {
+  parallel_ranges(a.pixels, useful_threads(a.pixels * a.channels, threads), [&](int64_t begin, int64_t end) {
+    for (int64_t c = 0; c < a.channels; ++c) {
+      std::copy(a.features + c * a.pixels + begin, a.features + c * a.pixels + end, a.copy + c * a.pixels + begin);
+    }
+    for (int64_t c = 0; c < 2; ++c) {
+      T* __restrict offsets = a.offsets + c * a.pixels;
+      for (int64_t i = begin; i < end; ++i) offsets[i] -= a.disparity[i];
+    }
+  });
+}
+
+template <class T>
+void expected_disparity(const ExpectedDisparity<T>& a, int threads) {
+  const int64_t vectors = (a.pixels + lanes<T> - 1) / lanes<T>;
+  parallel_ranges(vectors, useful_threads(a.pixels * a.count * 8, threads), [&](int64_t begin, int64_t end) {
+    for (int64_t v = begin; v < end; ++v) {
+      const int64_t i = v * lanes<T>, n = std::min<int64_t>(a.pixels - i, lanes<T>);
+      const auto read = [&](const T* plane) { return n == lanes<T> ? load(plane + i) : read_vector(plane + i, 1, n); };
+      vec<T> least = read(a.cost);
+      for (int64_t k = 1; k < a.count; ++k) least = smaller<T>(least, read(a.cost + k * a.pixels));
+      vec<T> sum{}, mean{};
+      for (int64_t k = 0; k < a.count; ++k) {
+        const int64_t offset = k - (a.count - 2);
+        const vec<T> weight = exp_nonpositive<T>(least - read(a.cost + k * a.pixels));
+        sum += weight;
+        mean += weight * (offset < 0 ? splat(a.first + static_cast<T>(k)) : read(a.offsets + offset * a.pixels));
+      }
+      const vec<T> out = read(a.disparity) + mean / sum;
+      std::memcpy(a.out + i, &out, n * sizeof(T));
+    }
+  });
+}
+
+template <class T>
 void convex_upsampling(const ConvexUpsampling<T>& a, int threads) {
   // A vector more than the widths, so that the last vectors of a row need no case of their own.
   const int64_t padded = round_up(a.width, lanes<T>) + 2, plane = a.height * a.width;
@@ -344,6 +379,8 @@ template void upsample_add<float>(const UpsampleAdd<float>&, int);
 template void max_pool<float>(const MaxPool<float>&, int);
 template void fill_hidden<float>(const FillHidden<float>&, int);
 template void window_extremes<float>(const WindowExtremes<float>&, int);
+template void update_picture<float>(const UpdatePicture<float>&, int);
+template void expected_disparity<float>(const ExpectedDisparity<float>&, int);
 template void convex_upsampling<float>(const ConvexUpsampling<float>&, int);
 template void small_image<float>(const SmallImage<float>&, int);
 
