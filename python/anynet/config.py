@@ -38,7 +38,7 @@ class AnyNetConfig:
             paper: 0, residuals alone, by a network like the first stage's.
         spn_channels: channels of the spatial propagation.
         spn_directions: its scans: 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top.
-        spn_combine: how the scans' results become one; "chain": each scan takes the result of the one before.
+        spn_combine: how the scans' results become one.
         spn_fill: what the estimate hides from the right camera, behind something nearer or beyond the border, takes
             the disparity of the background beside it before the propagation; the paper: False.
         spn_mismatch: the propagation is steered not by the left image alone, but also by the disparity and by how the
@@ -63,7 +63,7 @@ class AnyNetConfig:
     neighbours: int = 0
     spn_channels: int = 8
     spn_directions: tuple[int, ...] = (0,)
-    spn_combine: Literal["max", "mean", "chain"] = "max"
+    spn_combine: Literal["max", "mean"] = "max"
     spn_fill: bool = False
     spn_mismatch: bool = False
     spn_upsampling: bool = False
@@ -96,8 +96,8 @@ class AnyNetConfig:
         directions = self.spn_directions
         if not directions or len(set(directions)) < len(directions) or not set(directions) <= {0, 1, 2, 3}:
             raise AnyNetError(f"AnyNetConfig: expected spn_directions of distinct 0, 1, 2, 3, got {directions}")
-        if self.spn_combine not in ("max", "mean", "chain"):
-            raise AnyNetError(f"AnyNetConfig: expected spn_combine 'max', 'mean' or 'chain', got {self.spn_combine!r}")
+        if self.spn_combine not in ("max", "mean"):
+            raise AnyNetError(f"AnyNetConfig: expected spn_combine 'max' or 'mean', got {self.spn_combine!r}")
 
     def with_input_scale(self, input_scale: int) -> AnyNetConfig:
         """For the same weights, other enlarging: the first stage reaches as far in the input's pixels as before."""

@@ -15,6 +15,7 @@ from anynet.network import (
     AnyNet,
     Hourglass,
     PreActivation,
+    combined,
     few_channels,
     gates_of,
     halved,
@@ -317,12 +318,7 @@ class InferenceGraph:
         for layer, direction in zip(self._gates, self.config.spn_directions, strict=True):
             gates = layer(guide).view(1, 3, -1, height, width)
             scans.append(_ops.normalised_propagation.default(x, gates, direction))
-            if self.config.spn_combine == "chain":
-                x = scans[-1]
-        if len(scans) > 1 and self.config.spn_combine != "chain":
-            together = torch.stack(scans)
-            scans.append(together.amax(0) if self.config.spn_combine == "max" else together.mean(0))
-        out = self._reduce(scans[-1])
+        out = self._reduce(combined(scans, self.config.spn_combine))
         if self._upsampling is not None:
             out = _ops.convex_upsampling.default(out, self._upsampling(guide))
         return out[0, 0]

@@ -280,13 +280,8 @@ class Refinement(nn.Module):
             guide = layer(guide, relu_in=i > 0)
         gates = self._normalised(last(guide, relu_in=True))
         x = self.expand(disparity)
-        if self.combine == "chain" or len(self.directions) == 1:
-            for i, d in enumerate(self.directions):
-                x = spatial_propagation(x, gates[:, i], d)
-        else:
-            scans = torch.stack([spatial_propagation(x, gates[:, i], d) for i, d in enumerate(self.directions)])
-            x = scans.amax(0) if self.combine == "max" else scans.mean(0)
-        out: Tensor = self.reduce(x)
+        scans = [spatial_propagation(x, gates[:, i], d) for i, d in enumerate(self.directions)]
+        out: Tensor = self.reduce(combined(scans, self.combine))
         return out if self.upsampling is None else convex_upsampling(out, self.upsampling(guide, relu_in=True))
 
     def _normalised(self, gates: Tensor) -> Tensor:
@@ -295,6 +290,14 @@ class Refinement(nn.Module):
         gates = gates.reshape(n, len(self.directions), 3, -1, h, w)
         # Not a division: the gradient of one takes four more.
         return gates * (gates.abs().sum(2, keepdim=True) + 1e-8).reciprocal()
+
+
+def combined(scans: list[Tensor], how: str) -> Tensor:
+    """The results of several scans as one: their largest value or their mean, pixel by pixel and channel by channel."""
+    if len(scans) == 1:
+        return scans[0]
+    together = torch.stack(scans)
+    return together.amax(0) if how == "max" else together.mean(0)
 
 
 def convex_upsampling(x: Tensor, logits: Tensor) -> Tensor:

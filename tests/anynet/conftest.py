@@ -42,7 +42,7 @@ def wild_large_model() -> AnyNet:
             cost_channels=(16, 16, 8, 4),
             ranges=ranges,
             spn_directions=(1, 0),
-            spn_combine="chain",
+            spn_combine="mean",
             spn_mismatch=True,
             spn_upsampling=True,
         ),

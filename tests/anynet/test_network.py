@@ -13,7 +13,6 @@ from anynet.network import (
     Convolution,
     Hourglass,
     PreActivation,
-    Refinement,
     Update,
     bilinear_logits,
     convex_upsampling,
@@ -360,27 +359,7 @@ def test_hidden_pixels_vary_smoothly_with_the_estimate() -> None:
         assert (after - before).abs().max() < 1e-3
 
 
-def test_chained_scans_take_each_others_results() -> None:
-    """What enters at one pixel of the first row, the first scan carries left, and the second one right again."""
-    torch.manual_seed(0)
-    config = AnyNetConfig(spn_directions=(1, 0), spn_combine="chain")
-    image, _ = pair(1, 32)
-    one = torch.zeros(1, 1, 1, 32)
-    one[..., 16] = 1
-
-    def response(combine: str) -> torch.Tensor:
-        torch.manual_seed(0)
-        refinement = Refinement(replace(config, spn_combine=combine))
-        with torch.no_grad():
-            return (refinement(image, one) - refinement(image, torch.zeros_like(one)))[0, 0, 0]
-
-    chain, mean = response("chain"), response("mean")
-    assert (chain[:14] != 0).any()
-    assert (chain[19:] != 0).any()
-    assert not torch.allclose(chain, mean, atol=1e-3)
-
-
-@pytest.mark.parametrize("combine", ["max", "mean", "chain"])
+@pytest.mark.parametrize("combine", ["max", "mean"])
 def test_other_shapes_of_network(combine: str) -> None:
     config = AnyNetConfig(
         channels=2,
@@ -412,7 +391,7 @@ def test_other_shapes_of_network(combine: str) -> None:
         ({"ranges": ((0, 11), (2, -2), (-2, 2))}, "first <= last"),
         ({"spn_directions": (0, 0)}, "distinct"),
         ({"spn_directions": ()}, "spn_directions"),
-        ({"spn_combine": "sum"}, "'max', 'mean' or 'chain', got 'sum'"),
+        ({"spn_combine": "sum"}, "'max' or 'mean', got 'sum'"),
     ],
 )
 def test_impossible_configurations(options: dict[str, object], message: str) -> None:
