@@ -196,7 +196,7 @@ def update_picture(features: Tensor, disparity: Tensor, groups: int, first: int,
 
 
 def expected_disparity(cost: Tensor, disparity: Tensor, offsets: Tensor, first: int) -> Tensor:
-    """The disparity and the mean of the residuals first, first + 1, ..., offsets[:, 0], offsets[:, 1], by softmax(-cost).
+    """disparity + sum of softmax(-cost) times the residuals first, first + 1, ..., offsets[:, 0], offsets[:, 1].
 
     Args:
         cost: [1, K, H, W] float32, contiguous, K >= 2.

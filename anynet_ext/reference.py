@@ -216,7 +216,7 @@ def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
 
 def update_picture(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
     """[groups' costs of the residuals, of the nearest and of the farthest within the radius; left; their offsets]"""
-    left, right = features.unflatten(1, (groups, -1)).unbind()
+    left, right = features.view(2, groups, -1, *features.shape[2:]).unbind()
     window = 2 * radius + 1
     near, far = (sign * F.max_pool2d(sign * disparity, window, 1, radius) for sign in (1, -1))
     costs = [

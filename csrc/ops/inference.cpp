@@ -234,9 +234,8 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def("fill_hidden(Tensor disparity, float pixel) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def(
-      "update_picture(Tensor features, Tensor disparity, int groups, int first, int last, int radius) -> Tensor",
-      {at::Tag::pt2_compliant_tag});
+  m.def("update_picture(Tensor features, Tensor disparity, int groups, int first, int last, int radius) -> Tensor",
+        {at::Tag::pt2_compliant_tag});
   m.def("expected_disparity(Tensor cost, Tensor disparity, Tensor offsets, int first) -> Tensor",
         {at::Tag::pt2_compliant_tag});
   m.def("convex_upsampling(Tensor input, Tensor logits) -> Tensor", {at::Tag::pt2_compliant_tag});

@@ -274,7 +274,7 @@ class Refinement(nn.Module):
                 layer.weight[:, :, 1, 1] += gain
 
     def forward(self, guide: Tensor, disparity: Tensor) -> Tensor:
-        """[N,3 to 16,H,W] and [N,1,H,W], at the resolution of the finest features -> [N,1,H,W] or, upsampled, [N,1,2H,2W]."""
+        """[N,1,H,W] or, upsampled, [N,1,2H,2W]; of [N,3 to 16,H,W], [N,1,H,W] at the finest features' resolution."""
         *layers, last = self.guidance
         for i, layer in enumerate(layers):
             guide = layer(guide, relu_in=i > 0)
@@ -315,8 +315,9 @@ def convex_upsampling(x: Tensor, logits: Tensor) -> Tensor:
     n, _, h, w = x.shape
     padded = F.pad(x, (1, 1, 1, 1), mode="replicate")
     around = torch.stack([padded[:, 0, i : i + h, j : j + w] for i in range(3) for j in range(3)], 1)
-    before, after = logits.view(n, 4, 8, h, w).split(4, 2)
-    weights = torch.cat([before, torch.zeros_like(before[:, :, :1]), after], 2).softmax(2)
+    logits = logits.view(n, 4, 8, h, w)
+    own = torch.zeros_like(logits[:, :, :1])
+    weights = torch.cat([logits[:, :, :4], own, logits[:, :, 4:]], 2).softmax(2)
     return F.pixel_shuffle((weights * around[:, None]).sum(2), 2)
 
 
@@ -354,7 +355,7 @@ def filled(disparity: Tensor, pixel: float) -> Tensor:
 
 
 def mismatch(left: Tensor, right: Tensor, disparity: Tensor) -> list[Tensor]:
-    """[N, 3, H, W]: how the right image warped by the disparity differs from the left one; [N, 1, H, W]: the disparity."""
+    """How the right image, warped, differs from the left one, [N, 3, H, W]; and the disparity, scaled, [N, 1, H, W]."""
     return [warp(right, disparity) - left, disparity / 16]
 
 

@@ -88,7 +88,8 @@ struct UpdatePicture {
   T* offsets;          // [2,H,W]: extremes before, less the disparity after
 };
 
-/// out = disparity + sum_k softmax(-cost)[k] residual[k]; the residuals are first, first + 1, ..., offsets[0], offsets[1]
+/// out = disparity + sum_k softmax(-cost)[k] residual[k]; the residuals are first, first + 1, ..., offsets[0],
+/// offsets[1]
 template <class T>
 struct ExpectedDisparity {
   int64_t count, pixels;  // of the residuals, all of them
@@ -99,8 +100,8 @@ struct ExpectedDisparity {
   T* out;  // [H,W]
 };
 
-/// Twice the size: each of the four pixels that one becomes is a mean of the nine around it, by the softmax of its logits.
-/// Beyond the border lies the border's value.
+/// Twice the size: each of the four pixels that one becomes is a mean of the nine around it, by the softmax of its
+/// logits. Beyond the border lies the border's value.
 template <class T>
 struct ConvexUpsampling {
   int64_t batch, height, width;

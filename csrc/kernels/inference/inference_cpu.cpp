@@ -341,7 +341,7 @@ void convex_upsampling(const ConvexUpsampling<T>& a, int threads) {
         enlarge(logits + 16 * i * plane, even);
         enlarge(logits + (16 * i + 8) * plane, odd);
         T* __restrict out = a.out + (task * 2 + i) * 2 * a.width;
-        const T *__restrict left = even, *__restrict right = odd;
+        const T* __restrict left = even, * __restrict right = odd;
         for (int64_t x = 0; x < a.width; ++x) {
           out[2 * x] = left[x];
           out[2 * x + 1] = right[x];
