@@ -147,7 +147,7 @@ Tensor update_picture(const Tensor& features, const Tensor& disparity, int64_t g
   float* far_costs = near_costs + groups * pixels;
   float* copy = far_costs + groups * pixels;
   float* extremes = copy + channels * pixels;
-  const WindowExtremes<float> window{1, height, width, radius, data<float>(disparity), extremes};
+  const WindowExtremes<float> window{height, width, radius, data<float>(disparity), extremes};
   anynet::window_extremes(isa, window, threads);
 
   const auto compare = [&](const float* around, int64_t from, int64_t count, float* costs) {

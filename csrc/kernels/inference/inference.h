@@ -73,9 +73,9 @@ struct FillHidden {
 /// The largest and the smallest value within `radius` rows and columns of each pixel.
 template <class T>
 struct WindowExtremes {
-  int64_t batch, height, width, radius;
-  const T* in;  // [N,1,H,W], contiguous
-  T* out;       // [N,2,H,W]: largest, smallest
+  int64_t height, width, radius;
+  const T* in;  // [H,W], contiguous
+  T* out;       // [2,H,W]: largest, smallest
 };
 
 /// What is left of a residual stage's picture, beside its cost volumes: features copied, extremes made offsets.

@@ -239,17 +239,15 @@ void fill_hidden(const FillHidden<T>& a, int threads) {
 
 template <class T>
 void window_extremes(const WindowExtremes<T>& a, int threads) {
-  const int64_t r = a.radius, padded = a.width + 2 * r, rows = a.batch * a.height;
-  parallel_ranges(rows, useful_threads(rows * a.width * r * 8, threads), [&](int64_t begin, int64_t end) {
+  const int64_t r = a.radius, padded = a.width + 2 * r, pixels = a.height * a.width;
+  parallel_ranges(a.height, useful_threads(pixels * r * 8, threads), [&](int64_t begin, int64_t end) {
     const Scratch<T> columns(padded);
-    for (int64_t task = begin; task < end; ++task) {
-      const int64_t n = task / a.height, y = task % a.height;
+    for (int64_t y = begin; y < end; ++y) {
       const int64_t top = std::max<int64_t>(y - r, 0), bottom = std::min(y + r, a.height - 1);
-      const T* image = a.in + n * a.height * a.width;
       const auto along = [&](auto better, T* out) {
-        std::copy_n(image + top * a.width, a.width, columns + r);
+        std::copy_n(a.in + top * a.width, a.width, columns + r);
         for (int64_t j = top + 1; j <= bottom; ++j) {
-          const T* row = image + j * a.width;
+          const T* row = a.in + j * a.width;
           for (int64_t x = 0; x < a.width; ++x) columns[r + x] = better(columns[r + x], row[x]);
         }
         // The border's columns once more change no extreme.
@@ -261,9 +259,9 @@ void window_extremes(const WindowExtremes<T>& a, int threads) {
           out[x] = best;
         }
       };
-      T* out = a.out + (n * 2 * a.height + y) * a.width;
+      T* out = a.out + y * a.width;
       along([](T p, T q) { return p < q ? q : p; }, out);
-      along([](T p, T q) { return q < p ? q : p; }, out + a.height * a.width);
+      along([](T p, T q) { return q < p ? q : p; }, out + pixels);
     }
   });
 }
