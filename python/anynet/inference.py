@@ -307,11 +307,12 @@ class InferenceGraph:
             out: Tensor = _ops.small_image.default(image, self._mean, self._std, factor, block, height, width)
             return out
 
-        picture = small(left, finest // 2, 2) if self._upsampling is not None else small(left)
+        image = small(left)
+        picture = small(left, finest // 2, 2) if self._upsampling is not None else image
         if self.config.spn_fill:
             disparity = _ops.fill_hidden.default(disparity, finest)
         if self.config.spn_mismatch:
-            picture = torch.cat([picture, *mismatch(small(left), small(right), disparity / finest)], 1)
+            picture = torch.cat([picture, *mismatch(image, small(right), disparity / finest)], 1)
         guide = run(self._guidance, picture)
         x = self._expand(disparity)
         scans = []

@@ -303,7 +303,7 @@ void expected_disparity(const ExpectedDisparity<T>& a, int threads) {
 
 template <class T>
 void convex_upsampling(const ConvexUpsampling<T>& a, int threads) {
-  // A vector more than the widths, so that the last vectors of a row need no case of their own.
+  // Whole vectors and a column on either side, so that the last vector of a row needs no case of its own.
   const int64_t padded = round_up(a.width, lanes<T>) + 2, plane = a.height * a.width;
   const int64_t rows = a.batch * a.height;
   parallel_ranges(rows, useful_threads(rows * a.width * 256, threads), [&](int64_t begin, int64_t end) {
