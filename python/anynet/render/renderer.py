@@ -31,7 +31,7 @@ class RenderedSample(StereoSample):
     right_occluded: NDArray[np.bool_]
 
 
-def _draw(scene: Scene, eye: int) -> tuple[Image, Field]:
+def draw(scene: Scene, eye: int) -> tuple[Image, Field]:
     """One view's image and disparity. Geometry from front to back, to find out what is hidden; colour the other way."""
     camera = scene.camera
     shape = camera.height, camera.width
@@ -109,8 +109,8 @@ def render(
         weights = np.array(list(mixture.values()), float)
         preset = list(mixture)[int(rng.choice(len(weights), p=weights / weights.sum()))]
     scene = PRESETS[preset](rng, height, width)
-    left, disparity = _draw(scene, 0)
-    right, right_disparity = _draw(scene, 1)
+    left, disparity = draw(scene, 0)
+    right, right_disparity = draw(scene, 1)
     if sensor:
         left, right = photograph(rng, left, right)
     occluded = occlusion(disparity, right_disparity, -1)

@@ -240,6 +240,101 @@ class Scene:
                 start, radius = start + axis * length / 2, radius * (1 + taper)
                 rise += rng.uniform(-0.5, 0.2)
 
+    def tube(self, start: Vector, end: Vector, radius: float, material: Material) -> None:
+        """An open cylinder between two points."""
+        axis = end - start
+        length = float(np.linalg.norm(axis))
+        axis = axis / length
+        side = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
+        side /= np.linalg.norm(side)
+        frame = np.stack([side, np.cross(axis, side), axis], 1)
+        self.quadric((start + end) / 2, frame, (radius, radius, length / 2), material, flat=0)
+
+    def machine(self, foot: Vector, size: float) -> None:
+        """Wheels, tubes and solid parts, all over one another, as of a bicycle or an engine; one sees through it."""
+        rng, frame = self.rng, rotation(self.rng.normal(0, 0.6))
+        reach = np.array([rng.uniform(0.6, 2.0), 1.0, rng.uniform(0.05, 0.4)]) * size
+
+        def point() -> Vector:
+            return np.asarray(foot + frame @ (rng.uniform([-0.5, -1.0, -0.5], [0.5, 0.0, 0.5]) * reach))
+
+        paints = [
+            self.material(("plain", "plain", "noise", "gravel", "text"), size, weak=0.5, gloss=self.some_gloss(0.3))
+            for _ in range(3)
+        ]
+
+        def paint() -> Material:
+            return paints[int(rng.integers(3))].lit(rng.uniform(0.4, 1.3))
+
+        for _ in range(rng.integers(0, 4)):
+            side = size * rng.uniform(0.3, 0.8)
+            hub = foot + frame @ (rng.uniform([-0.5, 0, -0.2], [0.5, 0, 0.2]) * reach) - np.array([0, side / 2, 0])
+            self.card(hub, side, side, frame @ rotation(rng.normal(0, 0.2)), paint(), self.shape("wheel"))
+        nodes = [point() for _ in range(rng.integers(3, 10))]
+        for _ in range(rng.integers(4, 22)):
+            start = nodes[int(rng.integers(len(nodes)))]
+            self.tube(start, point(), size * float(np.exp(rng.uniform(np.log(0.008), np.log(0.05)))), paint())
+        for _ in range(rng.integers(1, 9)):
+            sides = size * rng.uniform(0.05, 0.3, 3)
+            if rng.random() < 0.5:
+                self.quadric(point(), frame @ rotation(*rng.normal(0, 0.5, 3)), (sides / 1.5).tolist(), paint())
+            else:
+                self.box(point(), sides.tolist(), frame, ANY, size, 0.4, self.some_gloss(0.2))
+
+    def slats(self, foot: Vector, size: float) -> None:
+        """A chair, bench, crate, ladder or rack: legs, and one or two grids of slats."""
+        rng, frame = self.rng, rotation(rng_angle(self.rng))
+        wide, deep, seat = size * rng.uniform(0.3, 1.8), size * rng.uniform(0.2, 0.6), size * rng.uniform(0.3, 0.6)
+        wood = self.material(("wood", "wood", "plain", "noise", "fabric"), size, weak=0.3)
+        thick = size * float(np.exp(rng.uniform(np.log(0.012), np.log(0.05))))
+        across, up, depth = frame[:, 0], np.array([0, -1.0, 0]), frame[:, 2]
+        for x, z in itertools.product((-wide / 2, wide / 2), (-deep / 2, deep / 2)):
+            leg = foot + across * x + depth * z
+            self.tube(leg, leg + up * (size if z > 0 else seat), thick, wood.lit(rng.uniform(0.6, 1.2)))
+
+        def grid(corner: Vector, along: Vector, over: Vector, count: int, share: float) -> None:
+            for k in range(count):
+                start = corner + over * (k + rng.uniform(0, 0.1)) / count
+                self.patch(start, along, over * share / count, wood.lit(rng.uniform(0.6, 1.25)))
+
+        share = float(rng.uniform(0.15, 0.8))
+        corner = foot - across * wide / 2 + depth * deep / 2
+        back, count = up * (size - seat), int(rng.integers(2, 14))
+        if rng.random() < 0.6:
+            grid(corner + up * seat, back, across * wide, count, share)
+            grid(corner + up * seat, across * wide, back, 1, 0.1)
+            grid(corner + up * size, across * wide, back, 1, 0.1)
+        else:
+            grid(corner + up * seat * rng.choice([0.0, 1.0]), across * wide, up * (size - seat), count, share)
+        if rng.random() < 0.7:
+            grid(corner + up * seat, across * wide, -depth * deep, int(rng.integers(1, 8)), rng.uniform(0.5, 1.0))
+
+    def shelf(self, foot: Vector, size: float) -> None:
+        """Boards between uprights with things on them, open at the back or not."""
+        rng, frame = self.rng, rotation(self.rng.normal(0, 0.5))
+        wide, deep = size * rng.uniform(0.5, 2.0), size * rng.uniform(0.15, 0.4)
+        wood = self.material(("wood", "plain", "noise"), size, weak=0.4)
+        across, up, depth = frame[:, 0] * wide, np.array([0, -size, 0]), frame[:, 2] * deep
+        corner, thick = foot - (across + depth) / 2, rng.uniform(0.01, 0.05)
+        for x, z in itertools.product((0, 1), (0, 1)):
+            self.tube(corner + across * x + depth * z, corner + across * x + depth * z + up, thick * size, wood)
+        if rng.random() < 0.4:
+            self.patch(corner + depth, across, up, self.material(ANY, size, weak=0.5))
+        boards = int(rng.integers(2, 6))
+        for k in range(boards):
+            board = corner + up * k / (boards - 0.8)
+            self.patch(board, across, depth, wood.lit(0.7))
+            self.patch(board, across, up * thick, wood.lit(rng.uniform(0.7, 1.2)))
+            for along in np.arange(rng.uniform(0, 0.3), 0.9, rng.uniform(0.12, 0.4)):
+                sides = size / boards * rng.uniform(0.2, 0.8, 3)
+                place = board + across * (along + rng.uniform(0, 0.1)) + depth * rng.uniform(0.2, 0.8)
+                if rng.random() < 0.6:
+                    self.box(place, sides.tolist(), rotation(rng_angle(rng)), ANY, size / 2, 0.2)
+                else:
+                    radii = (sides[0] / 3, sides[0] / 3, sides[1] / 2)
+                    middle = place - np.array([0, sides[1] / 2, 0])
+                    self.quadric(middle, rotation(0, np.pi / 2), radii, self.material(ANY, size / 2), flat=0)
+
     def person(self, foot: Vector, height: float) -> None:
         rng, upright = self.rng, rotation(rng_angle(self.rng)) @ rotation(0, np.pi / 2)
         cloth = ("plain", "noise", "fabric", "stripes", "photo")
@@ -318,7 +413,7 @@ class Scene:
         foot = centre + spin[:, 1] * size / 2
         gloss = self.some_gloss(0.15)
         aspect = float(rng.uniform(0.4, 1.6))
-        kind = rng.choice(10, p=[0.22, 0.16, 0.13, 0.12, 0.07, 0.11, 0.05, 0.05, 0.03, 0.06])
+        kind = rng.choice(13, p=[0.17, 0.13, 0.1, 0.1, 0.06, 0.09, 0.05, 0.06, 0.03, 0.05, 0.07, 0.06, 0.03])
         if kind == 0:
             self.box(
                 foot,
@@ -393,8 +488,14 @@ class Scene:
             )
         elif kind == 8:
             self.bush(foot, size, size, 3)
-        else:
+        elif kind == 9:
             self.plant(foot, size)
+        elif kind == 10:
+            self.machine(foot, size)
+        elif kind == 11:
+            self.slats(foot, size)
+        else:
+            self.shelf(foot, size)
 
 
 def rng_angle(rng: Rng) -> float:
@@ -633,6 +734,13 @@ def room(rng: Rng, height: int, width: int) -> Scene:
         row = camera.cy + rng.uniform(0.15, 0.45) * height
         table = (row - camera.cy) / back
         _ground(scene, table, ANY, 0.5 * z * height / camera.focal, camera.focal / 185, z * 1.02)
+    while rng.random() < 0.4:  # something large that one sees through
+        d = min(back * rng.uniform(1.3, 3.5), 150.0)
+        size = height * rng.uniform(0.4, 1.1) / d
+        spot = scene.at(rng.uniform(0.1, 0.9) * width, height * rng.uniform(0.7, 1.1), d)
+        if table is not None:
+            spot[1] = table
+        (scene.machine, scene.slats, scene.shelf)[int(rng.choice(3, p=[0.5, 0.3, 0.2]))](spot, size)
     count = int(rng.integers(6, 24))
     for _ in range(count):
         d = back * (front / back) ** rng.uniform(0.05, 1) if rng.random() < 0.7 else rng.uniform(back * 1.02, front)

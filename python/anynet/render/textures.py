@@ -8,6 +8,7 @@ Every entry has its own fixed seed, so a scene depends on the scene's seed alone
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 
 import cv2
@@ -409,6 +410,28 @@ def _ring(rng: Rng) -> Image:
     return mask
 
 
+def _wheel(rng: Rng) -> Image:
+    """A rim with a tyre, spokes or arms, and a hub."""
+    mask = np.zeros((SHAPE_SIZE, SHAPE_SIZE), np.uint8)
+    centre = SHAPE_SIZE // 2
+    rim = int(rng.uniform(0.06, 0.35) * centre)
+    cv2.circle(mask, (centre, centre), centre - 3 - rim // 2, 255, rim, cv2.LINE_AA)
+    cv2.circle(mask, (centre, centre), int(rng.uniform(0.05, 0.4) * centre), 255, -1, cv2.LINE_AA)
+    count = int(rng.integers(3, 15))
+    width = max(2, int(rng.uniform(0.05, 0.9) * centre / count))
+    start, lean = rng.uniform(0, 2 * np.pi), rng.normal(0, 0.4)
+    for angle in start + np.linspace(0, 2 * np.pi, count, endpoint=False):
+        ends = [
+            np.round(centre + r * (centre - rim) * np.array([np.cos(angle + t), np.sin(angle + t)]))
+            .astype(int)
+            .tolist()
+            for r, t in ((0, 0), (0.6, 0), (1, lean))
+        ]
+        for a, b in itertools.pairwise(ends):
+            cv2.line(mask, a, b, 255, width, cv2.LINE_AA)
+    return mask
+
+
 _TEXTURES: dict[str, Callable[[Rng], Image]] = {
     "noise": _noise, "leaves": _leaves, "foliage": _foliage, "gravel": _gravel, "bricks": _bricks, "stripes": _stripes,
     "facade": _facade, "wood": _wood, "text": _text, "poster": _poster, "plain": _plain, "fabric": _fabric,
@@ -417,6 +440,7 @@ _TEXTURES: dict[str, Callable[[Rng], Image]] = {
 _SHAPES: dict[str, Callable[[Rng], Image]] = {
     "ellipse": _ellipse, "polygon": _polygon, "blob": _blob, "canopy": _canopy, "soft": _soft, "fence": _fence,
     "branches": _branches, "fronds": _fronds, "wires": _wires, "ring": _ring,
+    "wheel": _wheel,
 }  # fmt: skip
 TEXTURES = tuple(_TEXTURES)
 SHAPES = tuple(_SHAPES)

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from anynet.render import MAX_DISPARITY, PRESETS, RenderedSample, render
+from anynet.render.renderer import draw
+from anynet.render.scenes import Scene
+from anynet.render.surfaces import Camera
 
 
 def seen_through(image: np.ndarray, disparity: np.ndarray, sign: int) -> np.ndarray:
@@ -35,7 +38,7 @@ def test_disparities_of_the_two_views_agree(sample: RenderedSample, view: str) -
     assert inside.mean() > 0.3
     error = np.abs(seen_through(other, mine, sign) - mine)[inside]
     assert np.median(error) < 1e-3  # planes are exact; on curves `other` is interpolated
-    assert np.percentile(error, 99) < 0.05
+    assert np.percentile(error, 99) < 0.1
     assert error.mean() < 0.02
 
 
@@ -82,3 +85,20 @@ def test_wrong_arguments() -> None:
         render(0, preset="moon")
     with pytest.raises(ValueError, match="at least 64 x 64 pixels, got 32 x 64"):
         render(0, 32, 64)
+
+
+@pytest.mark.parametrize("kind", ["machine", "slats", "shelf"])
+def test_one_sees_through_what_has_gaps(kind: str) -> None:
+    """In most of many tries, some row meets the thing, what is behind it, and the thing again."""
+    gaps = 0
+    for seed in range(12):
+        camera = Camera(192, 128, 200.0, 96.0, 64.0)
+        scene = Scene(np.random.default_rng(seed), camera)
+        scene.card(np.array([0, 0, 20.0]), 60.0, 60.0, np.eye(3), scene.material(("noise",), 5.0), None)
+        getattr(scene, kind)(np.array([0, 2.5, 5.0]), 4.0)
+        sample = draw(scene, 0)[1]
+        near = sample > 20
+        assert 0.02 < near.mean() < 1
+        assert sample[~near].max() == pytest.approx(10, abs=0.01)
+        gaps += (np.diff(near.astype(int), axis=1) == 1).sum(1).max() > 1
+    assert gaps >= 6
