@@ -112,8 +112,18 @@ def test_every_combination(dimensions: int, bias: bool, affine: bool, relu_in: b
 @pytest.mark.parametrize("depth", [1, 2, 5])
 def test_tiles(depth: int, height: int, width: int) -> None:
     """Layers of many channels go another way (Winograd's), also at the edges of the volume."""
+    check_tiles((depth, height, width))
+
+
+@pytest.mark.parametrize("width", [31, 32, 33, 64, 95, 97, 161])
+@pytest.mark.parametrize("height", [1, 2, 3, 8])
+def test_flat_tiles(height: int, width: int) -> None:
+    check_tiles((height, width))
+
+
+def check_tiles(sizes: tuple[int, ...]) -> None:
     for channels, affine in (((8, 8), False), ((9, 12), True), ((16, 16), False)):
-        tensors = make((depth, height, width), channels, dtype=torch.float32, affine=affine)
+        tensors = make(sizes, channels, dtype=torch.float32, affine=affine)
         check(tensors, relu_in=affine, relu_out=not affine)
 
 

@@ -39,8 +39,10 @@ auto activation(const Args& a) {
 template <class T, class Weight>
 void convolve(const Geometry& g, const Source<T>& source, const Weight& weight, const T* bias, bool relu,
               const T* positive, T* out, int threads) {
-  if (winograd_pays<T>(g)) {
-    convolve_tiles(g, source, pack_transformed<T>(g, weight), bias, relu, positive, out, threads);
+  if (Tiling<T, false>::pays(g)) {
+    convolve_tiles<T, false>(g, source, pack_transformed<T, false>(g, weight), bias, relu, positive, out, threads);
+  } else if (Tiling<T, true>::pays(g)) {
+    convolve_tiles<T, true>(g, source, pack_transformed<T, true>(g, weight), bias, relu, positive, out, threads);
   } else {
     convolve_rows(g, source, pack<T>(g, weight), bias, relu, positive, out, threads);
   }
