@@ -120,7 +120,7 @@ int main() {
     for (int64_t depth : {1, 2, 3}) {                               // enough channels for tiles, flat or not
       for (int64_t height : {2, 5}) {
         for (int64_t width : {16, 18, 35, 101})
-          test<float>(ConvShape{2, 9, 11, depth, height, width, depth == 1 ? 1 : 3, stride}, depth == 2);
+          test<float>(ConvShape{2, 11, 18, depth, height, width, depth == 1 ? 1 : 3, stride}, depth == 2);
       }
     }
   }

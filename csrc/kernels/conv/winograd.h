@@ -31,11 +31,13 @@ struct Tiling {
   /// Where the scratch rows have what belongs to column start(vector, width): flat ones have no neighbours.
   static int64_t slot(int64_t vector, int64_t width) { return flat ? vector * lanes<T> : start(vector, width); }
 
-  /// Whether it computes this convolution, and faster.
+  /// Whether it computes this convolution, and faster: what is saved goes with the product of the channels, the cost of
+  /// the transforms with their sum.
   static bool pays(const Geometry& g) {
-    return std::is_same_v<T, float> && g.kernel_depth == (flat ? 1 : 3) && g.stride == 1 && g.dilation == 1 &&
-           std::min(g.in_channels, g.out_channels) >= 8 && g.out_width >= columns && g.out_height > 1 &&
-           (flat || g.out_depth > 1);
+    const int64_t C = g.in_channels, O = g.out_channels;
+    const bool many = flat ? C * O > 6 * (C + O) : std::min(C, O) >= 8;
+    return std::is_same_v<T, float> && g.kernel_depth == (flat ? 1 : 3) && g.stride == 1 && g.dilation == 1 && many &&
+           g.out_width >= columns && g.out_height > 1 && (flat || g.out_depth > 1);
   }
 };
 
