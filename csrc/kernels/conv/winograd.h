@@ -1,7 +1,7 @@
-// Winograd's algorithm F(2x2, 3x3) (Lavin and Gray, arXiv 1509.09308): the 2 x 2 outputs of a tile take 4 x 4 products
-// of transformed pixels with transformed weights instead of 4 x 9. In three dimensions it goes over depth and height;
-// along the width the kernel slides as it does in `direct.h`, so that a pixel's neighbours never change lanes. In two
-// it goes over height and width, and a vector of tiles is two of columns, the even and the odd ones.
+// Winograd's algorithm (Lavin and Gray, arXiv 1509.09308). In three dimensions it is F(3x3, 3x3) over depth and height:
+// the 3 x 3 outputs of a tile take 5 x 5 products of transformed pixels with transformed weights instead of 9 x 9.
+// Along the width the kernel slides as it does in `direct.h`, so that a pixel's neighbours never change lanes. In two
+// it is F(3x2, 3x3) over height and width, and a vector of tiles is two of columns, the even and the odd ones.
 //
 // The transforms cost additions per channel, so this pays where channels are many. It rounds differently from the
 // direct kernel (by a few units in the last place), and a NaN or infinity spreads over its whole tile.
@@ -16,13 +16,14 @@
 namespace anynet::ANYNET_ISA {
 namespace {
 
-constexpr int positions = 16;  // of a tile: 4 z + y or, flat, 4 y + x
-
-/// What differs between convolutions in three dimensions and flat ones.
+/// What differs between convolutions in three dimensions and flat ones. The outer dimension of a tile is depth or,
+/// flat, height; the inner one height or, flat, width.
 template <class T, bool flat>
 struct Tiling {
+  static constexpr int outer = 3, inner = flat ? 2 : 3;  // outputs of a tile
+  static constexpr int outer_in = outer + 2, inner_in = inner + 2, positions = outer_in * inner_in;  // pixels of a tile
+  static constexpr int rows = flat ? outer_in : positions;                                           // that it reads
   static constexpr int taps = flat ? 1 : 3;                  // columns that a product slides over
-  static constexpr int rows = flat ? 4 : positions;          // that a tile reads
   static constexpr int columns = (flat ? 2 : 1) * lanes<T>;  // outputs of a vector of tiles, side by side
 
   static int64_t vectors(int64_t width) { return (width + columns - 1) / columns; }
@@ -41,51 +42,74 @@ struct Tiling {
   }
 };
 
-/// Four values of the input, `step` apart, transformed in place.
-template <class T>
+/// `outputs` + 2 values of the input, `step` apart, transformed in place: for outputs from the points 0, 1, -1,
+/// infinity and, if there are three, 1/2.
+template <class T, int outputs>
 ANYNET_INLINE void transform_input(vec<T>* d, int step) {
-  const vec<T> first = d[0] - d[2 * step], sum = d[step] + d[2 * step];
-  const vec<T> difference = d[2 * step] - d[step], last = d[step] - d[3 * step];
-  d[0] = first, d[step] = sum, d[2 * step] = difference, d[3 * step] = last;
+  if constexpr (outputs == 2) {
+    const vec<T> first = d[0] - d[2 * step], sum = d[step] + d[2 * step];
+    const vec<T> difference = d[2 * step] - d[step], last = d[step] - d[3 * step];
+    d[0] = first, d[step] = sum, d[2 * step] = difference, d[3 * step] = last;
+  } else {
+    const vec<T> half = splat(T(0.5)), across = d[3 * step] - d[step], near = half * (d[2 * step] - d[step]);
+    const vec<T> first = across + half * (d[0] - d[2 * step]), sum = d[3 * step] + near;
+    const vec<T> difference = d[3 * step] - d[2 * step] - near, last = d[4 * step] - d[2 * step] - half * across;
+    d[0] = first, d[step] = sum, d[2 * step] = difference, d[3 * step] = across, d[4 * step] = last;
+  }
 }
 
-/// Three weights `step` apart to four, `to_step` apart.
-template <class T>
+/// Three weights `step` apart to `outputs` + 2, `to_step` apart.
+template <class T, int outputs>
 void transform_weights(const T* g, int step, T* to, int to_step) {
   const T outer = g[0] + g[2 * step];
-  to[0] = g[0];
-  to[to_step] = (outer + g[step]) / 2;
-  to[2 * to_step] = (outer - g[step]) / 2;
-  to[3 * to_step] = g[2 * step];
+  if constexpr (outputs == 2) {
+    to[0] = g[0];
+    to[to_step] = (outer + g[step]) / 2;
+    to[2 * to_step] = (outer - g[step]) / 2;
+    to[3 * to_step] = g[2 * step];
+  } else {
+    to[0] = 2 * g[0];
+    to[to_step] = outer + g[step];
+    to[2 * to_step] = (g[step] - outer) / 3;
+    to[3 * to_step] = -(4 * g[0] + 2 * g[step] + g[2 * step]) * 2 / 3;
+    to[4 * to_step] = g[2 * step];
+  }
 }
 
-/// Four sums of products `step` apart to two outputs, the first two of them.
-template <class T>
+/// `outputs` + 2 sums of products, `step` apart, to the outputs: the first ones of them.
+template <class T, int outputs>
 ANYNET_INLINE void transform_output(vec<T>* m, int step) {
-  const vec<T> first = m[0] + m[step] + m[2 * step], second = m[step] - m[2 * step] - m[3 * step];
-  m[0] = first, m[step] = second;
+  const vec<T> sum = m[step] + m[2 * step], difference = m[step] - m[2 * step];
+  if constexpr (outputs == 2) {
+    m[0] += sum, m[step] = difference - m[3 * step];
+  } else {
+    m[0] += sum + m[3 * step];
+    m[step] = difference + T(0.5) * m[3 * step];
+    m[2 * step] = sum + T(0.25) * m[3 * step] + m[4 * step];
+  }
 }
 
 /// [position][block of output channels][in_channels][tap][channel of the block], from weight(o, c, tap and kx).
 template <class T, bool flat, class Weight>
 Vector<T> pack_transformed(const Geometry& g, const Weight& weight) {
-  constexpr int taps = Tiling<T, flat>::taps;
+  using Tiles = Tiling<T, flat>;
+  constexpr int taps = Tiles::taps, inner_in = Tiles::inner_in;
   const int64_t size_of_channel = g.in_channels * taps, position = g.out_channels * size_of_channel;
-  Vector<T> packed(positions * position);
+  Vector<T> packed(Tiles::positions * position);
   for (int64_t o = 0, size; o < g.out_channels; o += size) {
     size = block_at(o, g.out_channels, max_channels);
     for (int64_t c = 0; c < g.in_channels; ++c) {
       for (int64_t k = 0; k < taps; ++k) {
         for (int64_t i = 0; i < size; ++i) {
-          T rows[3 * 4], all[4 * 4];  // transformed over the inner of the two dimensions, then over the outer one
-          for (int outer = 0; outer < 3; ++outer) {
+          T rows[3 * inner_in], all[Tiles::positions];  // transformed over the inner dimension, then over both
+          for (int row = 0; row < 3; ++row) {
             T inner[3];
-            for (int t = 0; t < 3; ++t) inner[t] = weight(o + i, c, (outer * 3 + t) * taps + k);
-            transform_weights(inner, 1, rows + 4 * outer, 1);
+            for (int t = 0; t < 3; ++t) inner[t] = weight(o + i, c, (row * 3 + t) * taps + k);
+            transform_weights<T, Tiles::inner>(inner, 1, rows + inner_in * row, 1);
           }
-          for (int t = 0; t < 4; ++t) transform_weights(rows + t, 4, all + t, 4);
+          for (int t = 0; t < inner_in; ++t) transform_weights<T, Tiles::outer>(rows + t, inner_in, all + t, inner_in);
           T* to = packed.data() + o * size_of_channel + (c * taps + k) * size + i;
-          for (int p = 0; p < positions; ++p) to[p * position] = all[p];
+          for (int p = 0; p < Tiles::positions; ++p) to[p * position] = all[p];
         }
       }
     }
@@ -104,15 +128,15 @@ ANYNET_INLINE vec<T> in_turn(vec<T> a, vec<T> b, std::integer_sequence<int, I...
   return __builtin_shufflevector(a, b, (half * lanes<T> / 2 + I / 2 + I % 2 * lanes<T>)...);
 }
 
-/// The 4 x 4 pixels of a vector of tiles, `x` columns to the right of `rows`. left, right: the first column, or the
+/// The pixels of a vector of tiles, `x` columns to the right of `rows`. left, right: the first column, or the
 /// last, lies outside the image, and is 0.
 template <class T, bool flat>
 ANYNET_INLINE void load_tiles(const T* const* rows, int64_t x, bool left, bool right, vec<T>* d) {
   constexpr int L = lanes<T>;
   if constexpr (flat) {
     const LaneRange<T> first(left ? 1 : 0, L), last(0, right ? L - 1 : L);
-#pragma GCC unroll 4
-    for (int y = 0; y < 4; ++y) {
+#pragma GCC unroll 5
+    for (int y = 0; y < Tiling<T, flat>::outer_in; ++y) {
       const T* row = rows[y] + x;
       const vec<T> a = load(row, first), b = load(row + L), c = load(row + 2), e = load(row + 2 + L, last);
       d[4 * y] = every_second<T, 0>(a, b, lane_sequence<T>{}),
@@ -122,8 +146,8 @@ ANYNET_INLINE void load_tiles(const T* const* rows, int64_t x, bool left, bool r
     }
   } else {
     const LaneRange<T> inside(left ? 1 : 0, right ? L - 1 : L);
-#pragma GCC unroll 16
-    for (int p = 0; p < positions; ++p) d[p] = load(rows[p] + x, inside);
+#pragma GCC unroll 25
+    for (int p = 0; p < Tiling<T, flat>::positions; ++p) d[p] = load(rows[p] + x, inside);
   }
 }
 
@@ -136,16 +160,16 @@ ANYNET_INLINE void transform_strip(const T* const* rows, int64_t count, bool lef
   const int64_t vectors = Tiles::vectors(count);
   for (int64_t v = 0; v < vectors; ++v) {
     const int64_t x = Tiles::start(v, count), slot = Tiles::slot(v, count);
-    vec<T> d[positions];
+    vec<T> d[Tiles::positions];
     load_tiles<T, flat>(rows, x, left && v == 0, right && v == vectors - 1, d);
-#pragma GCC unroll 16
+#pragma GCC unroll 25
     for (int r = 0; r < Tiles::rows; ++r) __builtin_prefetch(rows[r] + x + ahead);
-#pragma GCC unroll 4
-    for (int i = 0; i < 4; ++i) transform_input<T>(d + 4 * i, 1);
-#pragma GCC unroll 4
-    for (int i = 0; i < 4; ++i) transform_input<T>(d + i, 4);
-#pragma GCC unroll 16
-    for (int p = 0; p < positions; ++p) store(to + p * step + slot, d[p]);
+#pragma GCC unroll 5
+    for (int i = 0; i < Tiles::outer_in; ++i) transform_input<T, Tiles::inner>(d + Tiles::inner_in * i, 1);
+#pragma GCC unroll 5
+    for (int i = 0; i < Tiles::inner_in; ++i) transform_input<T, Tiles::outer>(d + i, Tiles::inner_in);
+#pragma GCC unroll 25
+    for (int p = 0; p < Tiles::positions; ++p) store(to + p * step + slot, d[p]);
   }
 }
 
@@ -198,7 +222,7 @@ Multiply<T> pick_multiply(int64_t channels, int64_t vectors) {
 }
 
 /// `count` columns of a tile's output rows of one channel, from the products of all positions, `step` apart. at: where
-/// the four vectors of outputs begin in `out` and `positive`; -1: outside the image.
+/// the vectors of outputs begin in `out` and `positive`; -1: outside the image.
 template <class T, bool flat>
 ANYNET_INLINE void finish_strip(const T* products, int64_t step, int64_t count, T bias, bool relu, const T* positive,
                                 T* out, const int64_t* at) {
@@ -207,25 +231,25 @@ ANYNET_INLINE void finish_strip(const T* products, int64_t step, int64_t count, 
   const vec<T> lowest = splat(relu ? T(0) : -std::numeric_limits<T>::infinity());
   for (int64_t v = 0; v < vectors; ++v) {
     const int64_t x = Tiles::start(v, count), slot = Tiles::slot(v, count);
-    vec<T> m[positions];
-#pragma GCC unroll 16
-    for (int p = 0; p < positions; ++p) m[p] = load(products + p * step + slot);
-#pragma GCC unroll 4
-    for (int i = 0; i < 4; ++i) transform_output<T>(m + 4 * i, 1);
-    transform_output<T>(m, 4);
-    transform_output<T>(m + 1, 4);
+    vec<T> m[Tiles::positions];
+#pragma GCC unroll 25
+    for (int p = 0; p < Tiles::positions; ++p) m[p] = load(products + p * step + slot);
+#pragma GCC unroll 5
+    for (int i = 0; i < Tiles::outer_in; ++i) transform_output<T, Tiles::inner>(m + Tiles::inner_in * i, 1);
+#pragma GCC unroll 3
+    for (int i = 0; i < Tiles::inner; ++i) transform_output<T, Tiles::outer>(m + i, Tiles::inner_in);
     if constexpr (flat) {
-#pragma GCC unroll 2
-      for (int y = 0; y < 2; ++y) {
-        const vec<T> even = m[4 * y], odd = m[4 * y + 1];
-        m[4 * y] = in_turn<T, 0>(even, odd, lane_sequence<T>{});
-        m[4 * y + 1] = in_turn<T, 1>(even, odd, lane_sequence<T>{});
+#pragma GCC unroll 3
+      for (int y = 0; y < Tiles::outer; ++y) {
+        const vec<T> even = m[Tiles::inner_in * y], odd = m[Tiles::inner_in * y + 1];
+        m[Tiles::inner_in * y] = in_turn<T, 0>(even, odd, lane_sequence<T>{});
+        m[Tiles::inner_in * y + 1] = in_turn<T, 1>(even, odd, lane_sequence<T>{});
       }
     }
-#pragma GCC unroll 4
-    for (int k = 0; k < 4; ++k) {
+#pragma GCC unroll 9
+    for (int k = 0; k < Tiles::outer * Tiles::inner; ++k) {
       if (at[k] < 0) continue;
-      vec<T> value = m[k / 2 * 4 + k % 2] + bias;
+      vec<T> value = m[k / Tiles::inner * Tiles::inner_in + k % Tiles::inner] + bias;
       value = value < lowest ? lowest : value;  // keeps NaN
       if (positive != nullptr) value = load(positive + at[k] + x) > vec<T>{} ? value : vec<T>{};
       store(out + at[k] + x, value);
@@ -239,23 +263,25 @@ template <class T, bool flat>
 void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>& weights, const T* bias, bool relu,
                     const T* positive, T* out, int threads) {
   using Tiles = Tiling<T, flat>;
-  constexpr int L = lanes<T>, most = strip_vectors, taps = Tiles::taps;
-  constexpr int64_t pitch = (most + 1) * L;  // of a transformed row
+  constexpr int L = lanes<T>, most = strip_vectors, taps = Tiles::taps, positions = Tiles::positions;
+  constexpr int tall = flat ? Tiles::outer : Tiles::inner, deep = flat ? 1 : Tiles::outer;  // outputs of a tile
+  constexpr int64_t pitch = (most + 1) * L;                                                 // of a transformed row
   const int64_t W = g.out_width, C = g.in_channels, O = g.out_channels, vectors = Tiles::vectors(W);
-  const int64_t strips = (vectors + most - 1) / most, layers = flat ? 1 : 2;  // of a tile's outputs
-  const int64_t tiles_y = (g.out_height + 1) / 2, tiles_z = (g.out_depth + layers - 1) / layers;
+  const int64_t strips = (vectors + most - 1) / most;
+  const int64_t tiles_y = (g.out_height + tall - 1) / tall, tiles_z = (g.out_depth + deep - 1) / deep;
   const int64_t tiles = tiles_z * tiles_y, channel = g.in_rows() * source.pitch, plane = g.out_rows() * W;
   const int64_t position = C * pitch + L;  // a power of two would put all positions into the same few cache lines
   parallel_ranges(g.batch * tiles, threads, [&](int64_t begin, int64_t end) {
-    const Scratch<T> input(positions * position), products(positions * max_channels * most * L), zeros(W + 2);
+    const Scratch<T> input(positions * position), products(positions * (O * most + 1) * L);
+    const Scratch<T> zeros(W + 2);
     fill_zero<T>(zeros, W + 2);
     fill_zero<T>(input, positions * position);
     for (int64_t unit = begin; unit < end; ++unit) {
-      const int64_t y = unit % tiles_y * 2, z = unit / tiles_y % tiles_z * layers, n = unit / tiles;
+      const int64_t y = unit % tiles_y * tall, z = unit / tiles_y % tiles_z * deep, n = unit / tiles;
       const T* rows[Tiles::rows];  // of the first channel, from column -1 on
       int64_t to_channel[Tiles::rows];
       for (int r = 0; r < Tiles::rows; ++r) {
-        const int64_t iz = flat ? z : z + r / 4 - 1, iy = y + r % 4 - 1;
+        const int64_t iz = flat ? z : z + r / (tall + 2) - 1, iy = y + r % (tall + 2) - 1;
         const bool inside = iz >= 0 && iz < g.in_depth && iy >= 0 && iy < g.in_height;
         const T* row = source.data + n * C * channel + (iz * g.in_height + iy) * source.pitch + source.column[0];
         rows[r] = inside ? row : zeros;
@@ -266,7 +292,7 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
         const int64_t x = first * Tiles::columns, count = std::min(next * Tiles::columns, W) - x,
                       row = (next - first) * L;
         const bool left = !source.padded && x == 0, right = !source.padded && x + count == W;
-        const int64_t ahead = x + count < W ? count : 2 * source.pitch - x;
+        const int64_t ahead = x + count < W ? count : tall * source.pitch - x;
         const T* from[Tiles::rows];
         for (int r = 0; r < Tiles::rows; ++r) from[r] = rows[r] + x;
         for (int64_t c = 0; c < C; ++c) {
@@ -274,24 +300,31 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
           transform_strip<T, flat>(from, count + taps - 1, left, right, ahead, input + c * pitch, position);
           for (int r = 0; r < Tiles::rows; ++r) from[r] += to_channel[r];
         }
-        int64_t at[4];
-        for (int k = 0; k < 4; ++k) {
-          const int64_t oz = flat ? z : z + k / 2, oy = y + (flat ? k / 2 : k % 2);
-          const int64_t column = x + (flat ? k % 2 * L : 0);
+        int64_t at[Tiles::outer * Tiles::inner];
+        for (int k = 0; k < Tiles::outer * Tiles::inner; ++k) {
+          const int i = k / Tiles::inner, j = k % Tiles::inner;
+          const int64_t oz = z + (flat ? 0 : i), oy = y + (flat ? i : j), column = x + (flat ? j * L : 0);
           at[k] = oz < g.out_depth && oy < g.out_height ? (oz * g.out_height + oy) * W + column : -1;
         }
-        for (int64_t o = 0, size; o < O; o += size) {
-          size = block_at(o, O, max_channels);
-          const auto function = pick_multiply<T, taps>(size, next - first);
-          for (int p = 0; p < positions; ++p) {
-            function(input + p * position, pitch, C, weights.data() + (p * O + o) * C * taps,
-                     products + p * size * row);
+        const int64_t step = O * row + L;
+        for (int p = 0; p < positions; ++p) {
+          for (int64_t o = O * p / positions; o < O * (p + 1) / positions; ++o) {  // what will be written
+            for (const int64_t to : at) {
+              if (to < 0) continue;
+              T* row_out = out + (n * O + o) * plane + to;
+              for (int64_t i = 0; i < count; i += L) __builtin_prefetch(row_out + i, 1);
+            }
           }
-          for (int64_t i = 0; i < size; ++i) {
-            const int64_t to = (n * O + o + i) * plane;
-            finish_strip<T, flat>(products + i * row, size * row, count, bias == nullptr ? T(0) : bias[o + i], relu,
-                                  positive == nullptr ? nullptr : positive + to, out + to, at);
+          for (int64_t o = 0, size; o < O; o += size) {
+            size = block_at(o, O, max_channels);
+            pick_multiply<T, taps>(size, next - first)(
+                input + p * position, pitch, C, weights.data() + (p * O + o) * C * taps, products + p * step + o * row);
           }
+        }
+        for (int64_t o = 0; o < O; ++o) {
+          const int64_t to = (n * O + o) * plane;
+          finish_strip<T, flat>(products + o * row, step, count, bias == nullptr ? T(0) : bias[o], relu,
+                                positive == nullptr ? nullptr : positive + to, out + to, at);
         }
       }
     }
