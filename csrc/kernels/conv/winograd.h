@@ -138,11 +138,13 @@ ANYNET_INLINE void load_tiles(const T* const* rows, int64_t x, bool left, bool r
 #pragma GCC unroll 5
     for (int y = 0; y < Tiling<T, flat>::outer_in; ++y) {
       const T* row = rows[y] + x;
-      const vec<T> a = load(row, first), b = load(row + L), c = load(row + 2), e = load(row + 2 + L, last);
-      d[4 * y] = every_second<T, 0>(a, b, lane_sequence<T>{}),
-            d[4 * y + 1] = every_second<T, 1>(a, b, lane_sequence<T>{});
-      d[4 * y + 2] = every_second<T, 0>(c, e, lane_sequence<T>{});
-      d[4 * y + 3] = every_second<T, 1>(c, e, lane_sequence<T>{});
+      const vec<T> before[2] = {load(row, first), load(row + L)};
+      const vec<T> after[2] = {load(row + 2), load(row + 2 + L, last)};
+      vec<T>* to = d + Tiling<T, flat>::inner_in * y;
+      to[0] = every_second<T, 0>(before[0], before[1], lane_sequence<T>{});
+      to[1] = every_second<T, 1>(before[0], before[1], lane_sequence<T>{});
+      to[2] = every_second<T, 0>(after[0], after[1], lane_sequence<T>{});
+      to[3] = every_second<T, 1>(after[0], after[1], lane_sequence<T>{});
     }
   } else {
     const LaneRange<T> inside(left ? 1 : 0, right ? L - 1 : L);
@@ -289,8 +291,8 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
       }
       for (int64_t strip = 0; strip < strips; ++strip) {
         const int64_t first = vectors * strip / strips, next = vectors * (strip + 1) / strips;
-        const int64_t x = first * Tiles::columns, count = std::min(next * Tiles::columns, W) - x,
-                      row = (next - first) * L;
+        const int64_t x = first * Tiles::columns, count = std::min(next * Tiles::columns, W) - x;
+        const int64_t row = (next - first) * L, step = O * row + L;  // of the products: of a channel, and of a position
         const bool left = !source.padded && x == 0, right = !source.padded && x + count == W;
         const int64_t ahead = x + count < W ? count : tall * source.pitch - x;
         const T* from[Tiles::rows];
@@ -306,13 +308,12 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
           const int64_t oz = z + (flat ? 0 : i), oy = y + (flat ? i : j), column = x + (flat ? j * L : 0);
           at[k] = oz < g.out_depth && oy < g.out_height ? (oz * g.out_height + oy) * W + column : -1;
         }
-        const int64_t step = O * row + L;
         for (int p = 0; p < positions; ++p) {
           for (int64_t o = O * p / positions; o < O * (p + 1) / positions; ++o) {  // what will be written
             for (const int64_t to : at) {
               if (to < 0) continue;
               T* row_out = out + (n * O + o) * plane + to;
-              for (int64_t i = 0; i < count; i += L) __builtin_prefetch(row_out + i, 1);
+              for (int64_t i = 0; i < count; i += Tiles::columns) __builtin_prefetch(row_out + i, 1);
             }
           }
           for (int64_t o = 0, size; o < O; o += size) {
