@@ -34,24 +34,30 @@ ANYNET_INLINE void read_after(const T*& p, vec<T>& v) {
 #endif
 }
 
-/// How many vectors cover a row, the last one moved back to end where the row ends.
+/// How many vectors of so many columns cover a row, the last one moved back to end where the row ends.
 template <class T>
-int64_t vectors_in(int64_t width) {
-  return (width + lanes<T> - 1) / lanes<T>;
+int64_t vectors_in(int64_t width, int64_t columns = lanes<T>) {
+  return (width + columns - 1) / columns;
 }
 template <class T>
-int64_t vector_start(int64_t index, int64_t width) {
-  return std::max<int64_t>(0, std::min<int64_t>(index * lanes<T>, width - lanes<T>));
+int64_t vector_start(int64_t index, int64_t width, int64_t columns = lanes<T>) {
+  return std::max<int64_t>(0, std::min<int64_t>(index * columns, width - columns));
+}
+
+/// Every second element of two vectors, from the first or from the second one on.
+template <class T, int odd, int... I>
+ANYNET_INLINE vec<T> every_second(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
+  return __builtin_shufflevector(a, b, (2 * I + odd)...);
 }
 
 /// The even and the odd columns of a row, each through `f`.
-template <class T, class F, int... I>
-void split_columns(const T* from, int64_t width, const F& f, T* even, T* odd, std::integer_sequence<int, I...>) {
+template <class T, class F>
+void split_columns(const T* from, int64_t width, const F& f, T* even, T* odd) {
   int64_t x = 0;
   for (; x + 2 * lanes<T> <= width; x += 2 * lanes<T>) {
     const vec<T> first = f(load(from + x)), second = f(load(from + x + lanes<T>));
-    store(even + x / 2, __builtin_shufflevector(first, second, 2 * I...));
-    store(odd + x / 2, __builtin_shufflevector(first, second, 2 * I + 1 ...));
+    store(even + x / 2, every_second<T, 0>(first, second, lane_sequence<T>{}));
+    store(odd + x / 2, every_second<T, 1>(first, second, lane_sequence<T>{}));
   }
   for (; x < width; ++x) (x % 2 == 0 ? even : odd)[x / 2] = f(from[x]);
 }
@@ -85,7 +91,7 @@ struct Source {
       std::fill_n(to, pitch, T(0));
       const auto f = activate(r);
       if (stride == 2) {
-        split_columns<T>(from, width, f, to + half, to + 1, lane_sequence<T>{});
+        split_columns<T>(from, width, f, to + half, to + 1);
       } else if (dilation == 1) {
         for (int64_t x = 0; x < width; ++x) to[1 + x] = f(from[x]);
       } else {
@@ -196,11 +202,10 @@ struct Target {
 
 /// The pixels `stride` apart from `p` on. Those outside `on` (of the elements of p's vector, or of the next one with
 /// stride 2) are 0, and their memory is not touched.
-template <int stride, class T, int... I>
-ANYNET_INLINE vec<T> load_pixels(const T* p, LaneRange<T> first, LaneRange<T> second,
-                                 std::integer_sequence<int, I...>) {
+template <int stride, class T>
+ANYNET_INLINE vec<T> load_pixels(const T* p, LaneRange<T> first, LaneRange<T> second) {
   if constexpr (stride == 1) return load(p, first);
-  return __builtin_shufflevector(load(p, first), load(p + lanes<T>, second), 2 * I...);
+  return every_second<T, 0>(load(p, first), load(p + lanes<T>, second), lane_sequence<T>{});
 }
 
 /// CO output channels x R rows x V vectors at columns x, x + lanes, ..., `last`.
@@ -245,7 +250,7 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
                                               v == 0 && kx == 0       ? left_lanes
                                               : v == V - 1 && kx == 2 ? right_lanes
                                                                       : all,
-                                              v == V - 1 && kx == 2 ? right_second : second, lane_sequence<T>{});
+                                              v == V - 1 && kx == 2 ? right_second : second);
             }
           }
 #pragma GCC unroll 8

@@ -26,9 +26,8 @@ struct Tiling {
   static constexpr int taps = flat ? 1 : 3;                  // columns that a product slides over
   static constexpr int columns = (flat ? 2 : 1) * lanes<T>;  // outputs of a vector of tiles, side by side
 
-  static int64_t vectors(int64_t width) { return (width + columns - 1) / columns; }
-  /// The last vector of a row ends where the row ends.
-  static int64_t start(int64_t vector, int64_t width) { return std::min(vector * columns, width - columns); }
+  static int64_t vectors(int64_t width) { return vectors_in<T>(width, columns); }
+  static int64_t start(int64_t vector, int64_t width) { return vector_start<T>(vector, width, columns); }
   /// Where the scratch rows have what belongs to column start(vector, width): flat ones have no neighbours.
   static int64_t slot(int64_t vector, int64_t width) { return flat ? vector * lanes<T> : start(vector, width); }
 
@@ -117,11 +116,6 @@ Vector<T> pack_transformed(const Geometry& g, const Weight& weight) {
   return packed;
 }
 
-/// Every second element of two vectors, from the first or from the second one on.
-template <class T, int odd, int... I>
-ANYNET_INLINE vec<T> every_second(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
-  return __builtin_shufflevector(a, b, (2 * I + odd)...);
-}
 /// The elements of two vectors in turn: of their first or of their second halves.
 template <class T, int half, int... I>
 ANYNET_INLINE vec<T> in_turn(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {

@@ -32,12 +32,17 @@ def rotation(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Vector:
     return np.asarray(about_z @ about_x @ about_y)
 
 
+def log_uniform(rng: Rng, low: float, high: float) -> float:
+    """Between `low` and `high`, any octave as likely as any other."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 def tone(rng: Rng, light: float = 1.0, weak: bool = False, negative: bool = False) -> Image:
     """A tone curve per channel: brightness, contrast, tint. `weak` leaves little contrast."""
     x = np.linspace(0, 1, 256)[:, None] ** rng.uniform(0.7, 1.5)
     if negative:
         x = 1 - x
-    contrast = np.exp(rng.uniform(np.log(0.02), np.log(0.3))) if weak else rng.uniform(0.6, 1.15)
+    contrast = log_uniform(rng, 0.02, 0.3) if weak else rng.uniform(0.6, 1.15)
     x = (x - 0.5) * contrast + (rng.uniform(0.15, 0.85) if weak else 0.5)
     tint = np.clip(rng.normal(1, 0.2 if weak else 0.07, 3), 0.5, 1.4)
     return np.clip(255 * x * tint * light, 0, 255).astype(np.uint8)[:, None]
@@ -273,7 +278,7 @@ class Scene:
         nodes = [point() for _ in range(rng.integers(3, 10))]
         for _ in range(rng.integers(4, 22)):
             start = nodes[int(rng.integers(len(nodes)))]
-            self.tube(start, point(), size * float(np.exp(rng.uniform(np.log(0.008), np.log(0.05)))), paint())
+            self.tube(start, point(), size * log_uniform(rng, 0.008, 0.05), paint())
         for _ in range(rng.integers(1, 9)):
             sides = size * rng.uniform(0.05, 0.3, 3)
             if rng.random() < 0.5:
@@ -286,7 +291,7 @@ class Scene:
         rng, frame = self.rng, rotation(rng_angle(self.rng))
         wide, deep, seat = size * rng.uniform(0.3, 1.8), size * rng.uniform(0.2, 0.6), size * rng.uniform(0.3, 0.6)
         wood = self.material(("wood", "wood", "plain", "noise", "fabric"), size, weak=0.3)
-        thick = size * float(np.exp(rng.uniform(np.log(0.012), np.log(0.05))))
+        thick = size * log_uniform(rng, 0.012, 0.05)
         across, up, depth = frame[:, 0], np.array([0, -1.0, 0]), frame[:, 2]
         for x, z in itertools.product((-wide / 2, wide / 2), (-deep / 2, deep / 2)):
             leg = foot + across * x + depth * z
@@ -305,7 +310,7 @@ class Scene:
             grid(corner + up * seat, across * wide, back, 1, 0.1)
             grid(corner + up * size, across * wide, back, 1, 0.1)
         else:
-            grid(corner + up * seat * rng.choice([0.0, 1.0]), across * wide, up * (size - seat), count, share)
+            grid(corner + up * seat * rng.choice([0.0, 1.0]), across * wide, back, count, share)
         if rng.random() < 0.7:
             grid(corner + up * seat, across * wide, -depth * deep, int(rng.integers(1, 8)), rng.uniform(0.5, 1.0))
 
@@ -317,7 +322,8 @@ class Scene:
         across, up, depth = frame[:, 0] * wide, np.array([0, -size, 0]), frame[:, 2] * deep
         corner, thick = foot - (across + depth) / 2, rng.uniform(0.01, 0.05)
         for x, z in itertools.product((0, 1), (0, 1)):
-            self.tube(corner + across * x + depth * z, corner + across * x + depth * z + up, thick * size, wood)
+            post = corner + across * x + depth * z
+            self.tube(post, post + up, thick * size, wood)
         if rng.random() < 0.4:
             self.patch(corner + depth, across, up, self.material(ANY, size, weak=0.5))
         boards = int(rng.integers(2, 6))
@@ -649,7 +655,7 @@ def street(rng: Rng, height: int, width: int) -> Scene:
             unit * rng.uniform(3, 20),
         )
     for _ in range(rng.integers(0, 9)):
-        z = camera.focal / np.exp(rng.uniform(np.log(4), np.log(70)))
+        z = camera.focal / log_uniform(rng, 4, 70)
         lane = rng.uniform(-1, 1) * road
         scene.car(
             np.array([lane, eye, z]),
@@ -676,7 +682,7 @@ def room(rng: Rng, height: int, width: int) -> Scene:
     """Things on a table or in the air before a wall, one hiding the other, with large relative disparities."""
     camera = _camera(rng, height, width, (0.9, 2.5), (0.15, 0.5))
     scene = Scene(rng, camera, _tilt(rng, 0.06), weak=rng.choice([0.0, 0.5, 0.85], p=[0.4, 0.3, 0.3]))
-    back = float(np.exp(rng.uniform(np.log(8), np.log(50))))  # disparity of the wall
+    back = log_uniform(rng, 8, 50)  # disparity of the wall
     front = min(back * rng.uniform(1.6, 4.5), 150.0)
     z = camera.focal / back
     wide, tall = 3 * z * width / camera.focal, 4 * z * height / camera.focal
@@ -744,7 +750,7 @@ def room(rng: Rng, height: int, width: int) -> Scene:
     count = int(rng.integers(6, 24))
     for _ in range(count):
         d = back * (front / back) ** rng.uniform(0.05, 1) if rng.random() < 0.7 else rng.uniform(back * 1.02, front)
-        size = height * float(np.exp(rng.uniform(np.log(0.2), np.log(1.3)))) / d * min(1.0, 0.6 + 0.4 * d / front)
+        size = height * log_uniform(rng, 0.2, 1.3) / d * min(1.0, 0.6 + 0.4 * d / front)
         spot = scene.at(rng.uniform(-0.05, 1.05) * width, rng.uniform(0, 1) * height, d)
         if table is not None and rng.random() < 0.75:
             spot[1] = table - size / 2
@@ -759,7 +765,7 @@ def ground(rng: Rng, height: int, width: int) -> Scene:
     """Open ground with frames, trees, stones and boxes: disparities to about 60."""
     camera = _camera(rng, height, width, (0.7, 1.4), (0.2, 0.55))
     scene = Scene(rng, camera, _tilt(rng, 0.06))
-    back = float(np.exp(rng.uniform(np.log(1.0), np.log(15))))
+    back = log_uniform(rng, 1.0, 15)
     bottom = rng.uniform(15, 80)  # disparity at the lower border
     level = (height - camera.cy) / bottom
     z = camera.focal / back
@@ -781,9 +787,9 @@ def ground(rng: Rng, height: int, width: int) -> Scene:
     near, floor = camera.focal / 185, ("gravel", "foliage", "noise", "bricks", "leaves", "photo", "wood")
     _ground(scene, level, floor, level * 1.5, near, z * 1.1)
     for _ in range(rng.integers(3, 22)):
-        d = float(np.exp(rng.uniform(np.log(back * 1.1), np.log(bottom))))
+        d = log_uniform(rng, back * 1.1, bottom)
         place = np.array([(rng.uniform(-0.05, 1.05) * width - camera.cx) / d, level, camera.focal / d])
-        size = level * float(np.exp(rng.uniform(np.log(0.15), np.log(2.5))))
+        size = level * log_uniform(rng, 0.15, 2.5)
         scene.shadow(place, size, size)
         what = rng.random()
         if what < 0.2:
@@ -803,7 +809,7 @@ def things(rng: Rng, height: int, width: int) -> Scene:
     """Anything anywhere, at any angle, disparities to the limit."""
     camera = _camera(rng, height, width, (0.8, 2.0), (0.3, 0.7))
     scene = Scene(rng, camera, _tilt(rng, 0.12), weak=rng.choice([0.0, 0.6], p=[0.7, 0.3]))
-    back = float(np.exp(rng.uniform(np.log(2), np.log(45))))
+    back = log_uniform(rng, 2, 45)
     front = back + (rng.choice([60.0, 110.0, 180.0]) - back) * rng.uniform(0.4, 1)
     z = camera.focal / back
     wide, tall = 3 * z * width / camera.focal, 4 * z * height / camera.focal
@@ -823,7 +829,7 @@ def things(rng: Rng, height: int, width: int) -> Scene:
         )
     for _ in range(rng.integers(8, 36)):
         d = back * (front / back) ** rng.uniform(0, 1)
-        size = height * float(np.exp(rng.uniform(np.log(0.1), np.log(0.9)))) / d
+        size = height * log_uniform(rng, 0.1, 0.9) / d
         scene.thing(scene.at(rng.uniform(-0.05, 1.05) * width, rng.uniform(-0.05, 1.05) * height, d), size, False)
     return scene
 

@@ -23,6 +23,12 @@ def smooth(disparity: np.ndarray, limit: float = 1.0) -> np.ndarray:
     return cv2.morphologyEx(disparity, cv2.MORPH_GRADIENT, np.ones((5, 5))) < limit
 
 
+def interpolation_error(image: np.ndarray, disparity: np.ndarray, sign: int) -> np.ndarray:
+    """By how much `seen_through` may be wrong on a curve: an eighth of the second difference around it."""
+    bend = np.abs(cv2.filter2D(image, -1, np.array([[1.0, -2.0, 1.0]])))
+    return seen_through(cv2.dilate(bend, np.ones((1, 3))), disparity, sign) / 8
+
+
 @pytest.fixture(scope="module", params=sorted(PRESETS))
 def sample(request: pytest.FixtureRequest) -> RenderedSample:
     return render(3, 192, 384, preset=request.param, sensor=False)
@@ -38,7 +44,7 @@ def test_disparities_of_the_two_views_agree(sample: RenderedSample, view: str) -
     assert inside.mean() > 0.3
     error = np.abs(seen_through(other, mine, sign) - mine)[inside]
     assert np.median(error) < 1e-3  # planes are exact; on curves `other` is interpolated
-    assert np.percentile(error, 99) < 0.1
+    assert np.percentile(error - interpolation_error(other, mine, sign)[inside], 99) < 0.05
     assert error.mean() < 0.02
 
 
