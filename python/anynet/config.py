@@ -101,10 +101,13 @@ class AnyNetConfig:
 
     def with_input_scale(self, input_scale: int) -> AnyNetConfig:
         """For the same weights, other enlarging: the first stage reaches as far in the input's pixels as before."""
+        return replace(self.reaching(input_scale / self.input_scale), input_scale=input_scale)
+
+    def reaching(self, growth: float) -> AnyNetConfig:
+        """The same with a first stage that tests `growth` times the range of disparities."""
         (first, last), *residuals = self.ranges
-        growth = input_scale / self.input_scale
         reach = math.floor(first * growth), math.ceil((last + 1) * growth) - 1
-        return replace(self, input_scale=input_scale, ranges=(reach, *residuals))
+        return replace(self, ranges=(reach, *residuals))
 
     @property
     def feature_channels(self) -> list[int]:

@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 import os
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
 from anynet.checkpoint import load_checkpoint
 from anynet.errors import AnyNetError
 from anynet.inference import InferenceGraph
+
+INPUT_SCALES = 1 / 16, 4.0  # smallest and largest
 
 
 @dataclass(frozen=True)
@@ -43,19 +46,28 @@ class Predictor:
     Args:
         weights: the name of packaged weights, or a path (see `anynet.load_checkpoint`).
         threads: CPU threads to compute on; default: as many as PyTorch uses.
-        input_scale: 2 to enlarge the images to twice their size first, which is finer and takes four times as long;
-            1 not to. Default: what the weights say.
+        input_scale: resize the images by this factor first. Above 1 for finer disparity (2 takes four times as long),
+            below 1 for images larger than the network was made for, with more than 192 pixels of disparity, or to save
+            time. Default: what the weights say.
     """
 
     def __init__(
         self,
         weights: str | os.PathLike[str] = "default",
         threads: int | None = None,
-        input_scale: int | None = None,
+        input_scale: float | None = None,
     ) -> None:
         if threads is not None and threads < 1:
             raise AnyNetError(f"Predictor: expected threads >= 1, got {threads}")
-        model = load_checkpoint(weights, input_scale)
+        low, high = INPUT_SCALES
+        if input_scale is not None and not low <= input_scale <= high:
+            raise AnyNetError(f"Predictor: expected input_scale from {low:g} to {high:g}, got {input_scale:g}")
+        # The network itself can double the size, without an enlarged image in memory; the rest is done before it.
+        doubled = None if input_scale is None else 2 if input_scale >= 2 else 1
+        self._zoom = 1.0 if input_scale is None or doubled is None else input_scale / doubled
+        model = load_checkpoint(weights, doubled)
+        if self._zoom > 1:
+            model.config = model.config.reaching(self._zoom)
         self.config = model.config
         self.threads = threads
         self._graph = InferenceGraph(model)
@@ -75,14 +87,28 @@ class Predictor:
         """
         start = perf_counter()
         images = check_images(left, right)
-        return self._stages(images, start)
+        return self._estimates(images, start)
 
-    def _stages(self, images: tuple[Tensor, Tensor], start: float) -> Iterator[Estimate]:
-        steps = self._graph.stages(*images)
+    def _estimates(self, images: tuple[Tensor, Tensor], start: float) -> Iterator[Estimate]:
+        with self._computing():
+            steps = self._steps(*images)
         for stage in range(1, self.config.stages + 1):
             with self._computing():
                 disparity = next(steps)().numpy()
             yield Estimate(stage, disparity, 1e3 * (perf_counter() - start))
+
+    def _steps(self, left: Tensor, right: Tensor) -> Iterator[Callable[[], Tensor]]:
+        """The graph's functions, for images of any size."""
+        if self._zoom == 1:
+            return self._graph.stages(left, right)
+        size = left.shape[:2]
+        seen = [max(1, round(self._zoom * length)) for length in size]
+        images = (_resized(image.permute(2, 0, 1), seen).permute(1, 2, 0).contiguous() for image in (left, right))
+
+        def enlarged(step: Callable[[], Tensor]) -> Callable[[], Tensor]:
+            return lambda: _resized(step()[None], size)[0].mul_(size[1] / seen[1])
+
+        return map(enlarged, self._graph.stages(*images))
 
     def predict(
         self,
@@ -115,7 +141,7 @@ class Predictor:
         height, width = left.shape[:2]
         with self._computing() as threads:
             latencies = self._latencies[height, width, threads]
-            steps = self._graph.stages(*images)
+            steps = self._steps(*images)
             begin = start
             for reached, latency in enumerate(latencies.stages[:stage]):
                 elapsed = begin - start
@@ -161,6 +187,11 @@ def check_images(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Ten
     arrays = (np.require(image, requirements=["C", "W"]) for image in (left, right))
     first, second = (torch.from_numpy(array) for array in arrays)
     return first, second
+
+
+def _resized(image: Tensor, size: Sequence[int]) -> Tensor:
+    """[C, H, W], uint8 or float, in another size; what becomes smaller is averaged."""
+    return F.interpolate(image[None], tuple(size), mode="bilinear", antialias=True)[0]
 
 
 class _Latency:

@@ -85,13 +85,31 @@ def test_stages_are_the_networks(
     assert [e.elapsed_ms for e in estimates] == sorted(e.elapsed_ms for e in estimates)
 
 
-def test_input_scale(weights: Path) -> None:
-    left, right = pair(32, 48)
-    fine = Predictor(weights, input_scale=2)
-    assert fine.config.input_scale == 2
-    assert fine.predict(left, right).disparity.shape == (32, 48)
-    with pytest.raises(AnyNetError, match="input_scale 1 or 2, got 3"):
-        Predictor(weights, input_scale=3)
+@pytest.mark.parametrize(("input_scale", "shift"), [(0.5, 260), (0.37, 150), (1.5, 170), (2, 170), (2.5, 170)])
+def test_input_scale(input_scale: float, shift: int) -> None:
+    """Below 1 the packaged network reaches beyond 192 pixels; above 1 no less far than before."""
+    noise = np.random.default_rng(0).integers(0, 256, (40, 180, 3), dtype=np.uint8)
+    wide = np.kron(noise, np.ones((5, 5, 1), np.uint8))
+    left, right = wide[:, :-shift], wide[:, shift:]
+    predictor = Predictor(input_scale=input_scale)
+    for estimate in predictor.stages(left, right):
+        assert estimate.disparity.shape == (200, 900 - shift)
+        assert estimate.disparity.flags.writeable
+    assert np.abs(np.median(estimate.disparity[50:150, shift + 50 : -50]) - shift) < 1
+    np.testing.assert_array_equal(predictor.predict(left, right).disparity, estimate.disparity)
+
+
+@pytest.mark.parametrize("input_scale", [1 / 16, 0.7, 1.3, 4])
+def test_input_scale_of_tiny_images(weights: Path, input_scale: float) -> None:
+    predictor = Predictor(weights, input_scale=input_scale)
+    for height, width in (1, 1), (7, 30):
+        assert predictor.predict(*pair(height, width)).disparity.shape == (height, width)
+
+
+@pytest.mark.parametrize("input_scale", [0, -1, 5, float("nan")])
+def test_input_scale_out_of_range(input_scale: float) -> None:
+    with pytest.raises(AnyNetError, match=f"expected input_scale from 0.0625 to 4, got {input_scale}"):
+        Predictor(input_scale=input_scale)
 
 
 def test_results_belong_to_the_caller(predictor: Predictor) -> None:

@@ -36,8 +36,8 @@ def evaluate(
         list[str] | None, typer.Option(help="Weights, a packaged name or a file; repeatable. [default: default]")
     ] = None,
     input_scale: Annotated[
-        int | None,
-        typer.Option(min=1, max=2, help="2: networks work on the images enlarged.", show_default="the weights'"),
+        float | None,
+        typer.Option(help="Networks work on the images resized by this factor.", show_default="the weights'"),
     ] = None,
     method: Annotated[list[OpenCV] | None, typer.Option(help="OpenCV's matcher beside them; repeatable.")] = None,
     region: Annotated[list[Region] | None, typer.Option(help="Pixels to count; repeatable. [default: all]")] = None,

@@ -62,9 +62,10 @@ def predict(
         str, typer.Option(help="A packaged name, or a path: our .safetensors, an official .tar.")
     ] = "default",
     input_scale: Annotated[
-        int | None,
+        float | None,
         typer.Option(
-            min=1, max=2, help="2: work on the images enlarged, finer and slower.", show_default="the weights'"
+            help="Work on the images resized by this factor: above 1 finer and slower, below 1 for very large ones.",
+            show_default="the weights'",
         ),
     ] = None,
     budget_ms: Annotated[
