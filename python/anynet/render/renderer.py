@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anynet.data.sample import StereoSample
-from anynet.render.scenes import MAX_DISPARITY, PRESETS, Scene
+from anynet.render.objects import Scene
+from anynet.render.scenes import MAX_DISPARITY, PRESETS
 from anynet.render.sensor import photograph
 from anynet.render.surfaces import Window
 from anynet.render.textures import Field, Image

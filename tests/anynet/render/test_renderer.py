@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from anynet.render import MAX_DISPARITY, PRESETS, RenderedSample, render
+from anynet.render.objects import Scene
 from anynet.render.renderer import draw
-from anynet.render.scenes import Scene
 from anynet.render.surfaces import Camera
 
 
