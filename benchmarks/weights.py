@@ -22,6 +22,8 @@ from anynet.evaluation.opencv import bm, sgbm
 from anynet.predictor import Estimate
 from anynet.render import render
 
+SCALES = {"default": (1, 1.25, 1.5, 2), "large": (1, 1.5, 2, 3), "kitti": (1, 2)}
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -31,9 +33,9 @@ def main() -> None:
     cv2.setNumThreads(arguments.threads)
     pair = render(0, 368, 1232, preset="street")
     methods: dict[str, Callable[..., Iterable[Estimate]]] = {"OpenCV SGBM": sgbm, "OpenCV BM": bm}
-    for weights in ("default", "large", "kitti"):
-        for scale in (1, 2):
-            methods[f"{weights}, input_scale={scale}"] = Predictor(weights, arguments.threads, scale).stages
+    for weights, scales in SCALES.items():
+        for scale in scales:
+            methods[f"{weights}, input_scale={scale:g}"] = Predictor(weights, arguments.threads, scale).stages
     times: dict[str, list[list[float]]] = {name: [] for name in methods}
     for _ in range(arguments.rounds + 1):
         for name, method in methods.items():
