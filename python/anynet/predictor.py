@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import os
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from time import perf_counter
 
+import cv2
 import numpy as np
 import torch
-import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -101,12 +101,13 @@ class Predictor:
         """The graph's functions, for images of any size."""
         if self._zoom == 1:
             return self._graph.stages(left, right)
-        size = left.shape[:2]
-        seen = [max(1, round(self._zoom * length)) for length in size]
-        images = (_resized(image.permute(2, 0, 1), seen).permute(1, 2, 0).contiguous() for image in (left, right))
+        height, width = left.shape[:2]
+        size = max(1, round(self._zoom * width)), max(1, round(self._zoom * height))
+        averaging = cv2.INTER_AREA if self._zoom < 1 else cv2.INTER_LINEAR
+        images = (torch.from_numpy(cv2.resize(image.numpy(), size, interpolation=averaging)) for image in (left, right))
 
         def enlarged(step: Callable[[], Tensor]) -> Callable[[], Tensor]:
-            return lambda: _resized(step()[None], size)[0].mul_(size[1] / seen[1])
+            return lambda: torch.from_numpy(cv2.resize(step().numpy(), (width, height))).mul_(width / size[0])
 
         return map(enlarged, self._graph.stages(*images))
 
@@ -187,11 +188,6 @@ def check_images(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Ten
     arrays = (np.require(image, requirements=["C", "W"]) for image in (left, right))
     first, second = (torch.from_numpy(array) for array in arrays)
     return first, second
-
-
-def _resized(image: Tensor, size: Sequence[int]) -> Tensor:
-    """[C, H, W], uint8 or float, in another size; what becomes smaller is averaged."""
-    return F.interpolate(image[None], tuple(size), mode="bilinear", antialias=True)[0]
 
 
 class _Latency:
