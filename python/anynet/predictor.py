@@ -60,11 +60,14 @@ class Predictor:
         if threads is not None and threads < 1:
             raise AnyNetError(f"Predictor: expected threads >= 1, got {threads}")
         low, high = INPUT_SCALES
-        if input_scale is not None and not low <= input_scale <= high:
+        if input_scale is None:
+            doubled, self._zoom = None, 1.0
+        elif low <= input_scale <= high:
+            # The network itself can double the size, without an enlarged image in memory; the rest is done before it.
+            doubled = 2 if input_scale >= 2 else 1
+            self._zoom = input_scale / doubled
+        else:
             raise AnyNetError(f"Predictor: expected input_scale from {low:g} to {high:g}, got {input_scale:g}")
-        # The network itself can double the size, without an enlarged image in memory; the rest is done before it.
-        doubled = None if input_scale is None else 2 if input_scale >= 2 else 1
-        self._zoom = 1.0 if input_scale is None or doubled is None else input_scale / doubled
         model = load_checkpoint(weights, doubled)
         if self._zoom > 1:
             model.config = model.config.reaching(self._zoom)
@@ -103,13 +106,13 @@ class Predictor:
             return self._graph.stages(left, right)
         height, width = left.shape[:2]
         size = max(1, round(self._zoom * width)), max(1, round(self._zoom * height))
-        averaging = cv2.INTER_AREA if self._zoom < 1 else cv2.INTER_LINEAR
-        images = (torch.from_numpy(cv2.resize(image.numpy(), size, interpolation=averaging)) for image in (left, right))
+        means = cv2.INTER_AREA if self._zoom < 1 else cv2.INTER_LINEAR
+        images = (torch.from_numpy(cv2.resize(image.numpy(), size, interpolation=means)) for image in (left, right))
 
-        def enlarged(step: Callable[[], Tensor]) -> Callable[[], Tensor]:
+        def resized(step: Callable[[], Tensor]) -> Callable[[], Tensor]:
             return lambda: torch.from_numpy(cv2.resize(step().numpy(), (width, height))).mul_(width / size[0])
 
-        return map(enlarged, self._graph.stages(*images))
+        return map(resized, self._graph.stages(*images))
 
     def predict(
         self,
