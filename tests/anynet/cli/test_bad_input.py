@@ -117,7 +117,7 @@ def test_a_calibration_for_another_size(run: Run, pair: tuple[Path, Path], weigh
     refused(run, tmp_path / "out", message, *pair, "--weights", weights, "--calib", calib)
 
 
-def test_options_that_contradict_or_go_too_far(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+def test_options_that_cannot_be(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
     given = (*pair, "--weights", weights)
     refused(run, tmp_path / "out", "exclude each other", *given, "--all-stages", "--budget-ms", 5)
     refused(run, tmp_path / "out", "expected --stage from 1 to 4, got 5", *given, "--stage", 5)
