@@ -93,15 +93,14 @@ class Predictor:
         return self._estimates(images, start)
 
     def _estimates(self, images: tuple[Tensor, Tensor], start: float) -> Iterator[Estimate]:
-        with self._computing():
-            steps = self._steps(*images)
+        steps = self._steps(*images)
         for stage in range(1, self.config.stages + 1):
             with self._computing():
                 disparity = next(steps)().numpy()
             yield Estimate(stage, disparity, 1e3 * (perf_counter() - start))
 
     def _steps(self, left: Tensor, right: Tensor) -> Iterator[Callable[[], Tensor]]:
-        """The graph's functions, for images of any size."""
+        """The graph's functions, of the images resized, giving disparity in their own size and pixels."""
         if self._zoom == 1:
             return self._graph.stages(left, right)
         height, width = left.shape[:2]

@@ -92,6 +92,7 @@ def test_input_scale(input_scale: float, shift: int) -> None:
     wide = np.kron(noise, np.ones((5, 5, 1), np.uint8))
     left, right = wide[:, :-shift], wide[:, shift:]
     predictor = Predictor(input_scale=input_scale)
+    assert predictor.config.input_scale == (2 if input_scale >= 2 else 1)  # the network's own part
     for estimate in predictor.stages(left, right):
         assert estimate.disparity.shape == (200, 900 - shift)
         assert estimate.disparity.flags.writeable
