@@ -1,4 +1,4 @@
-"""Pictures of disparity maps: in colours with a legend, the stages side by side, the error against ground truth."""
+"""Pictures of disparity maps: in colors with a legend, the stages side by side, the error against ground truth."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Picture = npt.NDArray[np.uint8]  # [H, W, 3] RGB
 Map = npt.NDArray[np.float32]  # [H, W], NaN where unknown
 Limits = tuple[float, float]
 
-UNKNOWN = (128, 128, 128)  # grey: no colour of the maps below
+UNKNOWN = (128, 128, 128)  # gray: no color of the maps below
 _BACKGROUND = (255, 255, 255)
 _INK = (0, 0, 0)
 _WORST = 6.0  # pixels of error where the scale ends; its middle is D1's and bad-3's threshold
 
 
 def limits_of(values: Map) -> Limits:
-    """The range that the colours should span: all known values but 1 % at either end; (0, 1) if nothing is known."""
+    """The range that the colors should span: all known values but 1 % at either end; (0, 1) if nothing is known."""
     known = values[np.isfinite(values)]
     if known.size == 0:
         return 0.0, 1.0
@@ -29,8 +29,8 @@ def limits_of(values: Map) -> Limits:
     return low, max(high, low + 1e-3)
 
 
-def colour(values: Map, limits: Limits, scale: str = "turbo") -> Picture:
-    """Values [H, W] as colours of a matplotlib colour map, its ends at `limits`; grey where not finite."""
+def color(values: Map, limits: Limits, scale: str = "turbo") -> Picture:
+    """Values [H, W] as colors of a matplotlib color map, its ends at `limits`; gray where not finite."""
     low, high = limits
     known = np.isfinite(values)
     levels = np.where(known, (values - low) * (255 / (high - low)), 0).clip(0, 255).astype(np.uint8)
@@ -40,27 +40,27 @@ def colour(values: Map, limits: Limits, scale: str = "turbo") -> Picture:
 
 
 def picture_of(disparity: Map, limits: Limits | None = None) -> Picture:
-    """A disparity map in colours (blue: far, red: near), with its legend to the right."""
+    """A disparity map in colors (blue: far, red: near), with its legend to the right."""
     limits = limits or limits_of(disparity)
-    return np.hstack([colour(disparity, limits), legend(len(disparity), limits, "px", "turbo")])
+    return np.hstack([color(disparity, limits), legend(len(disparity), limits, "px", "turbo")])
 
 
 def error_picture(disparity: Map, truth: Map) -> Picture:
-    """|disparity - truth| in colours (blue: right, red: 6 px or more off; grey: no ground truth), with its legend."""
+    """|disparity - truth| in colors (blue: right, red: 6 px or more off; gray: no ground truth), with its legend."""
     limits = (0.0, _WORST)
     errors = np.abs(disparity - truth)
-    return np.hstack([colour(errors, limits, "RdYlBu_r"), legend(len(errors), limits, "px off", "RdYlBu_r")])
+    return np.hstack([color(errors, limits, "RdYlBu_r"), legend(len(errors), limits, "px off", "RdYlBu_r")])
 
 
 def legend(height: int, limits: Limits, unit: str, scale: str) -> Picture:
-    """A strip of the colours with their values, and the colour of unknown, as high as the image it stands beside."""
+    """A strip of the colors with their values, and the color of unknown, as high as the image it stands beside."""
     size = max(9, min(14, height // 12))
     font = ImageFont.load_default(size)
     strip = Image.new("RGB", (7 * size, height), _BACKGROUND)
     draw = ImageDraw.Draw(strip)
     top, bottom = 2 * size, max(2 * size + 1, height - 3 * size)
     ramp = np.linspace(limits[1], limits[0], bottom - top, dtype=np.float32)[:, None].repeat(size, axis=1)
-    strip.paste(Image.fromarray(colour(ramp, limits, scale)), (size // 2, top))
+    strip.paste(Image.fromarray(color(ramp, limits, scale)), (size // 2, top))
     draw.text((size // 2, size), unit, _INK, font, anchor="lm")
     for share in (0, 0.25, 0.5, 0.75, 1) if bottom - top > 6 * size else (0, 1):
         value = limits[0] + share * (limits[1] - limits[0])
@@ -94,7 +94,7 @@ def panels(pictures: Sequence[tuple[str, Picture]], columns: int = 2) -> Picture
 
 
 def stages_picture(left: Picture, stages: Sequence[tuple[str, Map]], truth: Map | None = None) -> Picture:
-    """The left image and every stage in the same colours; if known, the ground truth and the first and last errors."""
+    """The left image and every stage in the same colors; if known, the ground truth and the first and last errors."""
     limits = limits_of(stages[-1][1] if truth is None else truth)
     pictures = [("left image", left)]
     if truth is not None:
@@ -109,6 +109,6 @@ def stages_picture(left: Picture, stages: Sequence[tuple[str, Map]], truth: Map 
 
 @cache
 def _table(scale: str) -> npt.NDArray[np.uint8]:
-    """The colour map's 256 colours, [256, 3]."""
-    colours: npt.NDArray[np.float64] = matplotlib.colormaps[scale](np.arange(256))
-    return np.round(255 * colours[:, :3]).astype(np.uint8)
+    """The color map's 256 colors, [256, 3]."""
+    colors: npt.NDArray[np.float64] = matplotlib.colormaps[scale](np.arange(256))
+    return np.round(255 * colors[:, :3]).astype(np.uint8)

@@ -3,26 +3,26 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from anynet.visualize import UNKNOWN, colour, error_picture, legend, limits_of, panels, picture_of, stages_picture
+from anynet.visualize import UNKNOWN, color, error_picture, legend, limits_of, panels, picture_of, stages_picture
 
 RAMP = np.linspace(0, 100, 200, dtype=np.float32)[None].repeat(120, 0)
 
 
-def test_colours_follow_the_scale() -> None:
-    colours = colour(np.array([[-5, 0, 50, 100, 300]], np.float32), (0, 100))[0].astype(int)
-    np.testing.assert_array_equal(colours[0], colours[1])  # beyond the limits: their colours
-    np.testing.assert_array_equal(colours[3], colours[4])
-    near, far = colours[3], colours[1]
+def test_colors_follow_the_scale() -> None:
+    colors = color(np.array([[-5, 0, 50, 100, 300]], np.float32), (0, 100))[0].astype(int)
+    np.testing.assert_array_equal(colors[0], colors[1])  # beyond the limits: their colors
+    np.testing.assert_array_equal(colors[3], colors[4])
+    near, far = colors[3], colors[1]
     assert near[0] > near[2]  # red
     assert far[2] > far[0]  # blue
-    assert len(np.unique(colour(RAMP, (0, 100))[0], axis=0)) > 190
+    assert len(np.unique(color(RAMP, (0, 100))[0], axis=0)) > 190
 
 
 @pytest.mark.parametrize("scale", ["turbo", "RdYlBu_r"])
-def test_unknown_is_no_colour_of_the_scale(scale: str) -> None:
+def test_unknown_is_no_color_of_the_scale(scale: str) -> None:
     values = np.array([[np.nan, np.inf, -np.inf]], np.float32)
-    np.testing.assert_array_equal(colour(values, (0, 1), scale)[0], [UNKNOWN] * 3)
-    distance = np.abs(colour(RAMP, (0, 100), scale).astype(int) - UNKNOWN).max(axis=-1)
+    np.testing.assert_array_equal(color(values, (0, 1), scale)[0], [UNKNOWN] * 3)
+    distance = np.abs(color(RAMP, (0, 100), scale).astype(int) - UNKNOWN).max(axis=-1)
     assert distance.min() > 50
 
 
@@ -38,9 +38,9 @@ def test_limits() -> None:
 def test_picture_is_the_map_and_its_legend() -> None:
     picture = picture_of(RAMP, (0, 100))
     strip = legend(len(RAMP), (0, 100), "px", "turbo")
-    np.testing.assert_array_equal(picture, np.hstack([colour(RAMP, (0, 100)), strip]))
+    np.testing.assert_array_equal(picture, np.hstack([color(RAMP, (0, 100)), strip]))
     shown = {tuple(pixel) for pixel in strip.reshape(-1, 3).tolist()}
-    assert {tuple(c) for c in colour(RAMP, (0, 100))[0, [0, -1]].tolist()} <= shown  # both ends of the scale
+    assert {tuple(c) for c in color(RAMP, (0, 100))[0, [0, -1]].tolist()} <= shown  # both ends of the scale
     assert UNKNOWN in shown
 
 

@@ -71,7 +71,7 @@ def _motorcycle() -> tuple[StereoSample, Calibration]:
 
 
 def _rendered(seed: int) -> tuple[StereoSample, None]:
-    from anynet.render import render
+    from anynet.synthetic import render
 
     return render(seed), None
 

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from anynet.data.sample import StereoSample
 from anynet.errors import AnyNetError
-from anynet.render import MAX_DISPARITY, RenderedSample
+from anynet.samples import MAX_DISPARITY, RenderedSample, StereoSample
 
 Rng = np.random.Generator
 Image = NDArray[np.uint8]
@@ -81,7 +80,7 @@ def _rescaled(sample: StereoSample, size: tuple[int, int], scale: float, rng: Rn
 
 
 def _photometric(images: tuple[Image, Image], rng: Rng) -> tuple[Image, Image]:
-    """Exposure, gamma, contrast and colour, mostly shared by the eyes, partly each its own; channels permuted."""
+    """Exposure, gamma, contrast and color, mostly shared by the eyes, partly each its own; channels permuted."""
     order = rng.permutation(3) if rng.random() < 0.5 else np.arange(3)
     gain, gamma, contrast = np.exp(rng.normal(0, 0.18)), np.exp(rng.normal(0, 0.2)), rng.uniform(0.7, 1.2)
     apart = rng.choice([0.0, 1.0, 2.0], p=[0.5, 0.4, 0.1])
@@ -99,7 +98,7 @@ def _photometric(images: tuple[Image, Image], rng: Rng) -> tuple[Image, Image]:
 
 
 def _occlude(right: Image, rng: Rng) -> NDArray[np.bool_]:
-    """Hides up to two patches of the right view behind its mean colour or another part of it; returns where."""
+    """Hides up to two patches of the right view behind its mean color or another part of it; returns where."""
     height, width = right.shape[:2]
     hidden = np.zeros((height, width), np.bool_)
     for _ in range(rng.integers(1, 3)):
@@ -141,7 +140,7 @@ def augment(
     """A random crop (height, width) of the pair, changed at random in ways that keep it a proper pair.
 
     Scale by a factor from `scales`, log-uniform (no smaller than the crop allows); upside down; for rendered pairs
-    also mirrored with the eyes exchanged; exposure and colour per eye; with probability `occluders`, patches of the
+    also mirrored with the eyes exchanged; exposure and color per eye; with probability `occluders`, patches of the
     right view hidden (their truth stays: the network learns to fill in). The result's `noc` is what is `seen`.
     """
     if isinstance(sample, RenderedSample) and rng.random() < 0.5:

@@ -1,4 +1,4 @@
-"""The training loop: data, loss, optimiser, log, checkpoints."""
+"""The training loop: data, loss, optimizer, log, checkpoints."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from anynet.io.files import make_folder, write_atomically
 from anynet.network import MEAN, STD, AnyNet
 from anynet.predictor import Predictor
 from anynet.training.batches import batches
-from anynet.training.distributed import Processes, process_group, synchronise_batch_norm
+from anynet.training.distributed import Processes, process_group, synchronize_batch_norm
 from anynet.training.log import RunLog
 from anynet.training.loss import loss_weights, stage_losses
 from anynet.training.recipe import Recipe
@@ -98,14 +98,14 @@ def _begin(recipe: Recipe, out: Path, resume: bool) -> None:
     write_atomically(stored, recipe.to_json().encode())
 
 
-def _normalised(image: Tensor) -> Tensor:
+def _normalized(image: Tensor) -> Tensor:
     """RGB uint8 [N,3,H,W] -> the network's input."""
     mean, deviation = (255 * torch.tensor(values, device=image.device).view(3, 1, 1) for values in (MEAN, STD))
     return (image - mean) / deviation
 
 
 class _Run:
-    """A run at some step: model, optimiser and the running average of the weights are all its state."""
+    """A run at some step: model, optimizer and the running average of the weights are all its state."""
 
     def __init__(
         self,
@@ -131,7 +131,7 @@ class _Run:
         self.average = AveragedModel(self.model, multi_avg_fn=averaging, use_buffers=True)
         self.parallel: nn.Module = self.model
         if group.count > 1:
-            synchronise_batch_norm(self.model, group.device)
+            synchronize_batch_norm(self.model, group.device)
             unused = self.stages < self.model.config.stages
             self.parallel = DistributedDataParallel(self.model, broadcast_buffers=False, find_unused_parameters=unused)
         self.optimizer = torch.optim.Adam(self.model.parameters(), recipe.rate, fused=True)
@@ -165,13 +165,13 @@ class _Run:
         return self.out / WEIGHTS
 
     def _update(self, batch: list[Tensor]) -> tuple[list[float], float]:
-        """One step of the optimiser; returns each stage's loss (pixels) and the norm of the gradient."""
+        """One step of the optimizer; returns each stage's loss (pixels) and the norm of the gradient."""
         recipe, group = self.recipe, self.group
         left, right, disparity, weights = (tensor.to(group.device, non_blocking=True) for tensor in batch)
         weights = loss_weights(disparity, weights)
         total = group.total(weights.sum()).clamp(min=1)
         with torch.autocast(group.device.type, torch.bfloat16, enabled=recipe.amp):
-            outputs = self.parallel(_normalised(left), _normalised(right), self.stages)
+            outputs = self.parallel(_normalized(left), _normalized(right), self.stages)
         losses = stage_losses(outputs, disparity, weights, total, recipe.robust)
         # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
         (group.count * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]

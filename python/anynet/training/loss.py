@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-MAX_DISPARITY = 192.0
+from anynet.samples import MAX_DISPARITY
 
 
 def loss_weights(disparity: Tensor, weights: Tensor) -> Tensor:

@@ -23,7 +23,7 @@ def _option(default: Any, help: str, *, manner: bool = False) -> Any:
 class Recipe:
     """One training run. The same recipe, data and number of threads give the same weights, bit for bit.
 
-    Lengths are in steps (optimiser updates) unless a name says epochs; sizes are (height, width) in pixels.
+    Lengths are in steps (optimizer updates) unless a name says epochs; sizes are (height, width) in pixels.
     """
 
     data: tuple[str, ...] = _option((), "Training data, LAYOUT:PATH; several are joined.")
@@ -36,7 +36,7 @@ class Recipe:
     epochs: int | None = _option(None, "Length of the run in passes over the data (instead of steps).")
     batch: int = _option(6, "Pairs per step, over all processes.")
     crop: tuple[int, int] = _option((256, 512), "Height and width of the training crops.")
-    augment: bool = _option(True, "Vary scale, colour, noise and occlusion, not only the place of the crop.")
+    augment: bool = _option(True, "Vary scale, color, noise and occlusion, not only the place of the crop.")
     rate: float = _option(2e-3, "Learning rate of Adam.")
     schedule: Schedule = _option("cosine", "Rate over the run: constant, step (a tenth after --drop-at) or cosine.")
     warm_up: int = _option(0, "Steps over which the rate grows linearly to its value.")

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from anynet.data import StereoSample
+from anynet.data import RenderedSample, StereoSample
 from anynet.data.augment import augment, mirrored, random_crop, seen
 from anynet.errors import AnyNetError
-from anynet.render import RenderedSample, render
+from anynet.synthetic import render
 
 CROP = (128, 256)
 

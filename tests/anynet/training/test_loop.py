@@ -173,12 +173,12 @@ def test_the_processes_share_the_batch_of_one():
 def test_a_loss_that_is_not_finite_stops_the_run(tmp_path, monkeypatch):
     calls = []
 
-    def spoilt(self, left, right, stages):
+    def spoiled(self, left, right, stages):
         calls.append(0)
         outputs = list(self.stages(left, right))
         return [*outputs[:2], outputs[2] * float("nan"), outputs[3]] if len(calls) == 6 else outputs
 
-    monkeypatch.setattr(AnyNet, "forward", spoilt)
+    monkeypatch.setattr(AnyNet, "forward", spoiled)
     with pytest.raises(AnyNetError, match="loss of stage 3 became nan at step 6"):
         train(RECIPE, tmp_path, data=Planes(10))
     state = torch.load(tmp_path / CHECKPOINT, weights_only=True)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from anynet.render import textures
-from anynet.render.surfaces import Camera, Material, Patch, Quadric, Relief, Surface, Vector
-from anynet.render.textures import Image, Rng
+from anynet.synthetic import textures
+from anynet.synthetic.surfaces import Camera, Material, Patch, Quadric, Relief, Surface, Vector
+from anynet.synthetic.textures import Image, Rng
 
 ANY = ("noise", "leaves", "gravel", "bricks", "stripes", "wood", "text", "poster", "plain", "fabric", "photo")
 ABSTRACT = ("noise", "leaves", "stripes", "poster", "fabric")  # also shown as negatives
@@ -109,7 +109,7 @@ class Scene:
 
     def quadric(
         self,
-        centre: Vector,
+        center: Vector,
         frame: Vector,
         radii: Sequence[float],
         material: Material,
@@ -119,7 +119,7 @@ class Scene:
         """`frame`: columns are the local axes; the third is a cylinder's or cone's own."""
         axes = (self.tilt @ frame / np.asarray(radii)).T
         light = np.array([self.rng.normal(0, 0.5), -0.8, -0.5])
-        self.surfaces.append(Quadric(self.tilt @ centre, axes, material, flat, taper, light))
+        self.surfaces.append(Quadric(self.tilt @ center, axes, material, flat, taper, light))
 
     def at(self, x: float, y: float, disparity: float) -> Vector:
         """The point seen at left pixel (x, y), in the tilted world."""
@@ -135,12 +135,12 @@ class Scene:
         """A box standing on `foot`; its faces share a material's kind, and one material if `same`."""
         width, height, length = size
         x, y, z = frame[:, 0] * width, -frame[:, 1] * height, frame[:, 2] * length
-        centre = foot + y / 2
+        center = foot + y / 2
         kind = [self.pick(kinds)]
         shared = self.material(kind, tile, weak=weak, gloss=gloss)
         for normal, across, down in ((z, x, -y), (x, z, -y), (y, x, z)):
             for sign in (-1, 1):
-                middle = centre + sign * normal / 2
+                middle = center + sign * normal / 2
                 if sign * normal @ middle >= 0 and sign * normal @ (middle - np.array([1.0, 0, 0])) >= 0:
                     continue  # turned away from both eyes
                 light = self.rng.uniform(0.5, 1.2)
@@ -174,7 +174,7 @@ class Scene:
 
     def card(
         self,
-        centre: Vector,
+        center: Vector,
         width: float,
         height: float,
         frame: Vector,
@@ -182,11 +182,11 @@ class Scene:
         cutout: tuple[str, int] | None,
     ) -> None:
         across, down = frame[:, 0] * width, frame[:, 1] * height
-        self.patch(centre - (across + down) / 2, across, down, material, cutout)
+        self.patch(center - (across + down) / 2, across, down, material, cutout)
 
     def cloth(
         self,
-        centre: Vector,
+        center: Vector,
         width: float,
         height: float,
         frame: Vector,
@@ -197,7 +197,7 @@ class Scene:
         """A curved piece: cloth, rock, cushion; `swell` as a share of its distance."""
         across, down = frame[:, 0] * width, frame[:, 1] * height
         cutout = self.shape(*cut) if cut else None
-        self.relief(centre - (across + down) / 2, across, down, self.material(kinds, width), cutout, swell)
+        self.relief(center - (across + down) / 2, across, down, self.material(kinds, width), cutout, swell)
 
     def bush(self, foot: Vector, width: float, height: float, layers: int) -> None:
         """Layers of leaves with holes, each bulging, some way behind one another."""
@@ -412,12 +412,12 @@ class Scene:
             cutout,
         )
 
-    def thing(self, centre: Vector, size: float, upright: bool) -> None:
-        """Any object of about this size; `centre` is its middle, and it stands straight if `upright`."""
+    def thing(self, center: Vector, size: float, upright: bool) -> None:
+        """Any object of about this size; `center` is its middle, and it stands straight if `upright`."""
         rng = self.rng
         spin = rotation(random_angle(rng)) if upright else rotation(*rng.uniform(-np.pi, np.pi, 3))
         slant = rotation(rng.normal(0, 0.5), rng.normal(0, 0.4), rng.normal(0, 0.15 if upright else 1.5))
-        foot = centre + spin[:, 1] * size / 2
+        foot = center + spin[:, 1] * size / 2
         gloss = self.some_gloss(0.15)
         aspect = float(rng.uniform(0.4, 1.6))
         kind = rng.choice(13, p=[0.17, 0.13, 0.1, 0.1, 0.06, 0.09, 0.05, 0.06, 0.03, 0.05, 0.07, 0.06, 0.03])
@@ -436,7 +436,7 @@ class Scene:
             cutout = None if rng.random() < 0.4 else self.shape("polygon", "ellipse", "blob", "ring")
             opacity = float(rng.choice([1, 1, 1, 1, 1, 1, 0.3, 0.75]))
             self.card(
-                centre,
+                center,
                 size * aspect,
                 size,
                 slant,
@@ -445,17 +445,17 @@ class Scene:
             )
         elif kind == 2:
             radii = (size / 2 * rng.uniform(0.5, 1.1, 3)).tolist()
-            self.quadric(centre, spin, radii, self.material(ANY, size, weak=0.25, gloss=gloss))
+            self.quadric(center, spin, radii, self.material(ANY, size, weak=0.25, gloss=gloss))
         elif kind == 3:  # cup, tin, flowerpot
             frame = rotation(0, -np.pi / 2) if upright else spin
             radius, taper = size * rng.uniform(0.15, 0.5), rng.uniform(-0.35, 0.35)
             self.quadric(
-                centre, frame, (radius, radius, size / 2), self.material(ANY, size, weak=0.3, gloss=gloss), 0, taper
+                center, frame, (radius, radius, size / 2), self.material(ANY, size, weak=0.3, gloss=gloss), 0, taper
             )
             if upright:
                 top = 2 * radius * (1 - taper)  # the axis points down
                 self.card(
-                    centre - [0, size / 2, 0],
+                    center - [0, size / 2, 0],
                     top,
                     top,
                     rotation(0, np.pi / 2),
@@ -466,12 +466,12 @@ class Scene:
             frame = slant @ rotation(0, np.pi / 2)
             radius = size * rng.uniform(0.01, 0.05)
             self.quadric(
-                centre, frame, (radius, radius, size * rng.uniform(0.6, 1.2)), self.material(ANY, size, weak=0.4), 0
+                center, frame, (radius, radius, size * rng.uniform(0.6, 1.2)), self.material(ANY, size, weak=0.4), 0
             )
         elif kind == 5:
-            swell = float(np.clip(size / max(centre[2], 1e-3) * rng.uniform(0.1, 0.35), 0.01, 0.13))
+            swell = float(np.clip(size / max(center[2], 1e-3) * rng.uniform(0.1, 0.35), 0.01, 0.13))
             self.cloth(
-                centre,
+                center,
                 size * aspect,
                 size,
                 slant,
@@ -483,10 +483,10 @@ class Scene:
             material = self.material(("foliage", "noise", "plain", "wood"), size)
             for _ in range(rng.integers(1, 4)):
                 frame = rotation(rng.normal(0, 0.6), rng.normal(0, 0.3))
-                self.card(centre, size * aspect, size, frame, material, self.shape("fronds", "branches", "canopy"))
+                self.card(center, size * aspect, size, frame, material, self.shape("fronds", "branches", "canopy"))
         elif kind == 7:
             self.card(
-                centre,
+                center,
                 size * aspect * 1.5,
                 size,
                 slant,

@@ -23,7 +23,7 @@ Rng = np.random.Generator
 SIZE = 384  # texels along a side of a texture
 SHAPE_SIZE = 256  # ... of a cut-out shape
 VARIANTS = 20  # entries per kind
-PHOTOS = (  # see the licences above
+PHOTOS = (  # see the licenses above
     "astronaut", "brick", "camera", "chelsea", "coffee", "grass", "gravel", "hubble_deep_field", "retina", "rocket",
 )  # fmt: skip
 
@@ -41,8 +41,8 @@ def octaves(rng: Rng, size: int, roughness: float, stretch: tuple[int, int] = (1
     return np.asarray(np.clip((total - low) / (high - low), 0, 1))
 
 
-def colour(rng: Rng, saturation: float = 0.35) -> NDArray[np.float64]:
-    """A random RGB colour in 0..255; like things in photographs, mostly not very saturated."""
+def color(rng: Rng, saturation: float = 0.35) -> NDArray[np.float64]:
+    """A random RGB color in 0..255; like things in photographs, mostly not very saturated."""
     s = min(1.0, rng.exponential(saturation))
     value = rng.uniform(30, 250)
     hue = rng.uniform(0, 6)
@@ -51,16 +51,16 @@ def colour(rng: Rng, saturation: float = 0.35) -> NDArray[np.float64]:
 
 
 def palette(rng: Rng, count: int, spread: float = 60, saturation: float = 0.35) -> NDArray[np.float64]:
-    """`count` colours around one base colour, differing mostly in brightness."""
-    base = colour(rng, saturation)
+    """`count` colors around one base color, differing mostly in brightness."""
+    base = color(rng, saturation)
     light = rng.normal(0, spread, (count, 1))
     return np.clip(base + light + rng.normal(0, spread / 3, (count, 3)), 0, 255)
 
 
-def ramp(field: Field, colours: NDArray[np.float64]) -> Image:
-    """Colours a field in [0, 1] by piecewise-linear interpolation between `colours`."""
-    steps = np.linspace(0, 1, len(colours))
-    table = np.stack([np.interp(np.linspace(0, 1, 256), steps, colours[:, c]) for c in range(3)], 1)
+def ramp(field: Field, colors: NDArray[np.float64]) -> Image:
+    """Colors a field in [0, 1] by piecewise-linear interpolation between `colors`."""
+    steps = np.linspace(0, 1, len(colors))
+    table = np.stack([np.interp(np.linspace(0, 1, 256), steps, colors[:, c]) for c in range(3)], 1)
     return table.astype(np.uint8)[(field * 255).astype(np.uint8)]
 
 
@@ -70,14 +70,14 @@ def modulate(image: Image, field: Field, strength: float) -> Image:
     return np.clip(image * gain[..., None], 0, 255).astype(np.uint8)
 
 
-def _scatter(rng: Rng, canvas: Image, count: int, radii: tuple[float, float], colours: NDArray[np.float64]) -> None:
+def _scatter(rng: Rng, canvas: Image, count: int, radii: tuple[float, float], colors: NDArray[np.float64]) -> None:
     """Dead leaves: overlapping shapes with power-law sizes, whose statistics are close to those of photographs."""
     size = canvas.shape[0]
     low, high = radii
     # Inverse-cubic density of radii, the scale-invariant choice.
     radius = 1 / np.sqrt(rng.uniform(1 / high**2, 1 / low**2, count))
-    centre = rng.uniform(0, size, (count, 2))
-    for r, c, tint in zip(radius, centre, colours[rng.integers(len(colours), size=count)], strict=True):
+    center = rng.uniform(0, size, (count, 2))
+    for r, c, tint in zip(radius, center, colors[rng.integers(len(colors), size=count)], strict=True):
         fill = tuple(float(t) for t in np.clip(tint + rng.normal(0, 12), 0, 255))
         kind = rng.integers(3)
         if kind == 0:
@@ -93,7 +93,7 @@ def _scatter(rng: Rng, canvas: Image, count: int, radii: tuple[float, float], co
 
 
 def _blank(rng: Rng, saturation: float = 0.35) -> Image:
-    return np.full((SIZE, SIZE, 3), colour(rng, saturation), np.float64).astype(np.uint8)
+    return np.full((SIZE, SIZE, 3), color(rng, saturation), np.float64).astype(np.uint8)
 
 
 def _noise(rng: Rng) -> Image:
@@ -102,16 +102,16 @@ def _noise(rng: Rng) -> Image:
 
 def _leaves(rng: Rng) -> Image:
     canvas = _blank(rng)
-    colours = np.concatenate([palette(rng, 4, 70) for _ in range(rng.integers(2, 5))])
-    _scatter(rng, canvas, 500, (4, 140), colours)
+    colors = np.concatenate([palette(rng, 4, 70) for _ in range(rng.integers(2, 5))])
+    _scatter(rng, canvas, 500, (4, 140), colors)
     return modulate(canvas, octaves(rng, SIZE, rng.uniform(0.5, 0.95)), rng.uniform(0.1, 0.5))
 
 
 def _foliage(rng: Rng) -> Image:
     canvas = np.full((SIZE, SIZE, 3), rng.uniform(5, 50), np.float64).astype(np.uint8)
     green = np.array([rng.uniform(50, 160), rng.uniform(70, 150), rng.uniform(10, 60)])
-    colours = np.clip(green * rng.uniform(0.2, 1.7, (12, 1)) + rng.normal(0, 12, (12, 3)), 0, 255)
-    _scatter(rng, canvas, 2200, (2.5, 14), colours)
+    colors = np.clip(green * rng.uniform(0.2, 1.7, (12, 1)) + rng.normal(0, 12, (12, 3)), 0, 255)
+    _scatter(rng, canvas, 2200, (2.5, 14), colors)
     return modulate(canvas, octaves(rng, SIZE, 0.7), 0.5)
 
 
@@ -119,7 +119,7 @@ def _gravel(rng: Rng) -> Image:
     """Asphalt, gravel, concrete, plaster: fine grain on slow changes."""
     fine = octaves(rng, SIZE, rng.uniform(0.8, 1.1), first=int(rng.integers(3, 6)))
     slow = octaves(rng, SIZE, 0.5)
-    base = colour(rng, 0.08)
+    base = color(rng, 0.08)
     strength = rng.uniform(0.05, 0.4)
     return modulate(
         modulate(ramp(fine, np.stack([base * (1 - strength), base * (1 + strength)])), slow, 0.15), fine, 0.1
@@ -127,12 +127,12 @@ def _gravel(rng: Rng) -> Image:
 
 
 def _bricks(rng: Rng) -> Image:
-    mortar = colour(rng, 0.1)
+    mortar = color(rng, 0.1)
     canvas = np.full((SIZE, SIZE, 3), mortar, np.float64).astype(np.uint8)
     h, w = int(rng.integers(14, 70)), int(rng.integers(20, 130))
     gap, jitter = int(rng.integers(1, 4)), rng.uniform(2, 40)
     shift = rng.choice([0.0, 0.5, rng.uniform(0, 1)])
-    base = colour(rng)
+    base = color(rng)
     for row, y in enumerate(range(0, SIZE, h)):
         for x in range(-w + int(shift * w * (row % 2)), SIZE, w):
             fill = np.clip(base + rng.normal(0, jitter) + rng.normal(0, jitter / 4, 3), 0, 255)
@@ -154,7 +154,7 @@ def _facade(rng: Rng) -> Image:
     canvas = _gravel(rng) if rng.random() < 0.6 else _bricks(rng)
     columns, rows = rng.integers(2, 6), rng.integers(2, 5)
     w, h = SIZE / columns, SIZE / rows
-    frame, glass = colour(rng, 0.1), colour(rng, 0.2) * 0.4
+    frame, glass = color(rng, 0.1), color(rng, 0.2) * 0.4
     share, tall = rng.uniform(0.35, 0.7), rng.uniform(0.45, 0.8)
     for i in range(rows):
         for j in range(columns):
@@ -199,7 +199,7 @@ def _write(rng: Rng, canvas: Image, lines: int) -> None:
             where,
             int(rng.choice(fonts)),
             scale,
-            colour(rng).tolist(),
+            color(rng).tolist(),
             max(1, int(2 * scale)),
             cv2.LINE_AA,
         )
@@ -216,15 +216,13 @@ def _poster(rng: Rng) -> Image:
     canvas = _blank(rng)
     for _ in range(rng.integers(5, 30)):
         a, b = rng.integers(-40, SIZE, 2), rng.integers(10, 200, 2)
-        cv2.rectangle(canvas, a.tolist(), (a + b).tolist(), colour(rng, 0.5).tolist(), int(rng.choice([-1, -1, 2, 5])))
+        cv2.rectangle(canvas, a.tolist(), (a + b).tolist(), color(rng, 0.5).tolist(), int(rng.choice([-1, -1, 2, 5])))
     for _ in range(rng.integers(0, 12)):
-        centre, radius = rng.integers(0, SIZE, 2), int(rng.integers(4, 80))
-        cv2.circle(
-            canvas, centre.tolist(), radius, colour(rng, 0.5).tolist(), int(rng.choice([-1, -1, 2])), cv2.LINE_AA
-        )
+        center, radius = rng.integers(0, SIZE, 2), int(rng.integers(4, 80))
+        cv2.circle(canvas, center.tolist(), radius, color(rng, 0.5).tolist(), int(rng.choice([-1, -1, 2])), cv2.LINE_AA)
     for _ in range(rng.integers(0, 12)):
         a, b = rng.integers(0, SIZE, (2, 2))
-        cv2.line(canvas, a.tolist(), b.tolist(), colour(rng).tolist(), int(rng.integers(1, 4)), cv2.LINE_AA)
+        cv2.line(canvas, a.tolist(), b.tolist(), color(rng).tolist(), int(rng.integers(1, 4)), cv2.LINE_AA)
     _write(rng, canvas, int(rng.integers(0, 8)))
     return modulate(canvas, octaves(rng, SIZE, 0.6), rng.uniform(0.02, 0.15))
 
@@ -240,7 +238,7 @@ def _fabric(rng: Rng) -> Image:
     period = int(rng.choice([16, 24, 32, 48, 64, 96]))
     motif = _leaves(rng)[:SIZE:2, :SIZE:2][:period, :period] if rng.random() < 0.5 else None
     if motif is None:
-        motif = np.full((period, period, 3), colour(rng), np.float64).astype(np.uint8)
+        motif = np.full((period, period, 3), color(rng), np.float64).astype(np.uint8)
         _scatter(rng, motif, 8, (2, period / 2), palette(rng, 4, 80))
     times = SIZE // period + 1
     image = np.tile(motif, (times, times, 1))[:SIZE, :SIZE]
@@ -272,8 +270,8 @@ def _sky(rng: Rng) -> Image:
 
 def _ellipse(rng: Rng) -> Image:
     mask = np.zeros((SHAPE_SIZE, SHAPE_SIZE), np.uint8)
-    centre = SHAPE_SIZE // 2
-    cv2.circle(mask, (centre, centre), centre - 3, 255, -1, cv2.LINE_AA)
+    center = SHAPE_SIZE // 2
+    cv2.circle(mask, (center, center), center - 3, 255, -1, cv2.LINE_AA)
     return mask
 
 
@@ -402,27 +400,27 @@ def _car(variant: int, glass: bool) -> Image:
 
 def _ring(rng: Rng) -> Image:
     mask = _ellipse(rng)
-    centre = SHAPE_SIZE // 2
-    cv2.circle(mask, (centre, centre), int(rng.uniform(0.5, 0.92) * centre), 0, -1, cv2.LINE_AA)
+    center = SHAPE_SIZE // 2
+    cv2.circle(mask, (center, center), int(rng.uniform(0.5, 0.92) * center), 0, -1, cv2.LINE_AA)
     for angle in rng.uniform(0, np.pi, rng.choice([0, 2, 8])):  # spokes
-        arm = 0.9 * centre * np.array([np.cos(angle), np.sin(angle)])
-        cv2.line(mask, (centre - arm).astype(int).tolist(), (centre + arm).astype(int).tolist(), 255, 2, cv2.LINE_AA)
+        arm = 0.9 * center * np.array([np.cos(angle), np.sin(angle)])
+        cv2.line(mask, (center - arm).astype(int).tolist(), (center + arm).astype(int).tolist(), 255, 2, cv2.LINE_AA)
     return mask
 
 
 def _wheel(rng: Rng) -> Image:
-    """A rim with a tyre, spokes or arms, and a hub."""
+    """A rim with a tire, spokes or arms, and a hub."""
     mask = np.zeros((SHAPE_SIZE, SHAPE_SIZE), np.uint8)
-    centre = SHAPE_SIZE // 2
-    rim = int(rng.uniform(0.06, 0.35) * centre)
-    cv2.circle(mask, (centre, centre), centre - 3 - rim // 2, 255, rim, cv2.LINE_AA)
-    cv2.circle(mask, (centre, centre), int(rng.uniform(0.05, 0.4) * centre), 255, -1, cv2.LINE_AA)
+    center = SHAPE_SIZE // 2
+    rim = int(rng.uniform(0.06, 0.35) * center)
+    cv2.circle(mask, (center, center), center - 3 - rim // 2, 255, rim, cv2.LINE_AA)
+    cv2.circle(mask, (center, center), int(rng.uniform(0.05, 0.4) * center), 255, -1, cv2.LINE_AA)
     count = int(rng.integers(3, 15))
-    width = max(2, int(rng.uniform(0.05, 0.9) * centre / count))
+    width = max(2, int(rng.uniform(0.05, 0.9) * center / count))
     start, lean = rng.uniform(0, 2 * np.pi), rng.normal(0, 0.4)
     for angle in start + np.linspace(0, 2 * np.pi, count, endpoint=False):
         ends = [
-            np.round(centre + r * (centre - rim) * np.array([np.cos(angle + t), np.sin(angle + t)]))
+            np.round(center + r * (center - rim) * np.array([np.cos(angle + t), np.sin(angle + t)]))
             .astype(int)
             .tolist()
             for r, t in ((0, 0), (0.6, 0), (1, lean))

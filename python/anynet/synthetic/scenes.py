@@ -9,11 +9,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from anynet.render.objects import ANY, Scene, log_uniform, random_angle, rotation
-from anynet.render.surfaces import Camera, Material, Vector
-from anynet.render.textures import Rng
-
-MAX_DISPARITY = 192.0  # pixels
+from anynet.synthetic.objects import ANY, Scene, log_uniform, random_angle, rotation
+from anynet.synthetic.surfaces import Camera, Material, Vector
+from anynet.synthetic.textures import Rng
 
 
 def _tilt(rng: Rng, amount: float) -> Vector:
@@ -54,7 +52,7 @@ def _ground(scene: Scene, y: float, kinds: Sequence[str], tile: float, near: flo
 
 
 def street(rng: Rng, height: int, width: int) -> Scene:
-    """Road with kerbs and markings, buildings or greenery along it, cars, people, poles, trees, sky."""
+    """Road with curbs and markings, buildings or greenery along it, cars, people, poles, trees, sky."""
     camera = _camera(rng, height, width, (0.6, 1.2), (0.3, 0.55))
     scene = Scene(rng, camera, _tilt(rng, 0.012))
     eye = rng.uniform(2.2, 5.5)  # height above the road
@@ -72,20 +70,20 @@ def street(rng: Rng, height: int, width: int) -> Scene:
     road = unit * rng.uniform(4, 13)  # half its width
     _ground(scene, eye, ("gravel", "gravel", "gravel", "plain", "bricks", "noise"), unit * 5, near, far)
     for side in (-1, 1):
-        kerb = unit * rng.choice([0.0, 0.25, 0.4])
+        curb = unit * rng.choice([0.0, 0.25, 0.4])
         inner, outer = side * road, side * far
-        if rng.random() < 0.85:  # pavement or grass
+        if rng.random() < 0.85:  # sidewalk or grass
             material = scene.material(("gravel", "bricks", "foliage", "noise", "plain"), unit * 3, weak=0.2)
-            start = np.array([min(inner, outer), eye - kerb - 1e-3, near])
+            start = np.array([min(inner, outer), eye - curb - 1e-3, near])
             scene.patch(start, np.array([abs(outer - inner), 0, 0]), np.array([0, 0, far - near]), material)
-            if kerb:
+            if curb:
                 scene.patch(
-                    np.array([inner, eye - kerb, near]),
+                    np.array([inner, eye - curb, near]),
                     np.array([0, 0, far - near]),
-                    np.array([0, kerb, 0]),
+                    np.array([0, curb, 0]),
                     scene.material(("gravel",), unit * 2),
                 )
-        foot_y = eye - kerb
+        foot_y = eye - curb
         wall = side * (road + unit * rng.uniform(1, 14))
         z = near + unit * rng.uniform(0, 30)
         style = rng.choice(3, p=[0.55, 0.3, 0.15])
@@ -122,7 +120,7 @@ def street(rng: Rng, height: int, width: int) -> Scene:
                     )
             z += length + unit * rng.choice([0.0, 0.0, rng.uniform(2, 30)])
         spot = near + unit * rng.uniform(2, 12)
-        while spot < far * 0.3:  # along the kerb
+        while spot < far * 0.3:  # along the curb
             place = np.array([side * (road + unit * rng.uniform(0.2, 2.5)), foot_y, spot])
             what = rng.choice(7, p=[0.28, 0.2, 0.14, 0.12, 0.1, 0.08, 0.08])
             if what == 0:
@@ -197,10 +195,10 @@ def room(rng: Rng, height: int, width: int) -> Scene:
     frame = _slant(rng)
     _backdrop(scene, 1.4 * z)
     walls = (*ANY, "plain", "fabric", "poster")
-    centre = np.array([0, 0, z])
+    center = np.array([0, 0, z])
     if rng.random() < 0.25:
         scene.cloth(
-            centre,
+            center,
             0.5 * wide,
             0.5 * tall,
             frame,
@@ -208,8 +206,8 @@ def room(rng: Rng, height: int, width: int) -> Scene:
             (),
             rng.uniform(0.03, 0.12),
         )
-        centre = centre * 1.15
-    scene.card(centre, wide, tall, frame, scene.material(walls, 0.7 * z * height / camera.focal, weak=0.3), None)
+        center = center * 1.15
+    scene.card(center, wide, tall, frame, scene.material(walls, 0.7 * z * height / camera.focal, weak=0.3), None)
     if rng.random() < 0.35:  # a second wall, in a corner
         sign = rng.choice([-1, 1])
         corner = rotation(sign * rng.uniform(0.6, 1.4))
@@ -223,7 +221,7 @@ def room(rng: Rng, height: int, width: int) -> Scene:
             None,
         )
     for _ in range(rng.integers(0, 5)):  # posters, windows, stains on the wall
-        spot = centre + frame @ (
+        spot = center + frame @ (
             np.array([rng.uniform(-0.12, 0.12) * wide, rng.uniform(-0.12, 0.12) * tall, -z * 2e-3])
         )
         side = tall * rng.uniform(0.02, 0.12)
@@ -237,7 +235,7 @@ def room(rng: Rng, height: int, width: int) -> Scene:
             cutout,
         )
     for _ in range(rng.integers(0, 6)):  # shadows and light falling off
-        spot = centre + frame @ (
+        spot = center + frame @ (
             np.array([rng.uniform(-0.15, 0.15) * wide, rng.uniform(-0.15, 0.15) * tall, -z * 2.5e-3])
         )
         dark = Material("plain", 0, table=np.zeros((256, 1, 3), np.uint8), opacity=rng.uniform(0.05, 0.35))

@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from anynet.render import textures
-from anynet.render.textures import Field, Image
+from anynet.synthetic import textures
+from anynet.synthetic.textures import Field, Image
 
 Vector = NDArray[np.float64]
 NEAREST = 0.05  # baselines; whatever comes closer to the cameras is not drawn
@@ -89,9 +89,7 @@ class Fragment(NamedTuple):
     window: Window
     disparity: Field  # [h, w]
     coverage: Image  # [h, w], 255 = opaque
-    paint: Callable[
-        [Window], Image
-    ]  # colours [h, w, 3] of a part of the window; costly, so asked only for what is seen
+    paint: Callable[[Window], Image]  # colors [h, w, 3] of a part of the window; costly, so asked only for what is seen
 
 
 class Surface(Protocol):
@@ -116,7 +114,7 @@ class Material:
     turn: bool = False  # exchange the texture's axes
     table: Image | None = None  # [256, 1, 3] tone curve per channel
     opacity: float = 1.0
-    gloss: float = 0.0  # share of a mirrored environment in the colour
+    gloss: float = 0.0  # share of a mirrored environment in the color
     glow: int = 0  # variant of that environment's texture
 
     def lit(self, light: float) -> Material:
@@ -135,10 +133,10 @@ class Material:
             return np.array([[0, b, ou * size], [a, 0, ov * size], [0, 0, 1]])
         return np.array([[a, 0, ou * size], [0, b, ov * size], [0, 0, 1]])
 
-    def finish(self, colour: Image, window: Window, camera: Camera, eye: int) -> Image:
+    def finish(self, color: Image, window: Window, camera: Camera, eye: int) -> Image:
         """Tone curve, and the reflection of surroundings that seem to lie at another depth than the surface."""
         if self.table is not None:
-            colour = cv2.LUT(colour, self.table).astype(np.uint8, copy=False)
+            color = cv2.LUT(color, self.table).astype(np.uint8, copy=False)
         if self.gloss:
             mirror = textures.texture("leaves", self.glow)[2]
             virtual = camera.width / 40 * (self.glow % 5)  # disparity of what is mirrored
@@ -148,8 +146,8 @@ class Material:
             )
             flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
             seen = cv2.warpAffine(mirror, move, window.size, flags=flags, borderMode=cv2.BORDER_WRAP)
-            colour = cv2.addWeighted(colour, 1 - self.gloss, seen, self.gloss, 0).astype(np.uint8, copy=False)
-        return colour
+            color = cv2.addWeighted(color, 1 - self.gloss, seen, self.gloss, 0).astype(np.uint8, copy=False)
+        return color
 
 
 def _level(pyramid: Sequence[Image], texels_per_pixel: float) -> int:
@@ -157,7 +155,7 @@ def _level(pyramid: Sequence[Image], texels_per_pixel: float) -> int:
 
 
 def _scaled(level: int) -> NDArray[np.float64]:
-    """Texel coordinates of the finest level to those of another; texel centres are at integers."""
+    """Texel coordinates of the finest level to those of another; texel centers are at integers."""
     s = 0.5**level
     return np.array([[s, 0, s / 2 - 0.5], [0, s, s / 2 - 0.5], [0, 0, 1]])
 
@@ -213,8 +211,8 @@ class Patch:
             coverage = cv2.convertScaleAbs(coverage, alpha=self.material.opacity).astype(np.uint8, copy=False)
 
         def paint(part: Window) -> Image:
-            colour = self._paint(matrix @ part.shift, disparity[part.within(window)])
-            return self.material.finish(colour, part, camera, eye)
+            color = self._paint(matrix @ part.shift, disparity[part.within(window)])
+            return self.material.finish(color, part, camera, eye)
 
         return Fragment(window, disparity, coverage, paint)
 
@@ -235,7 +233,7 @@ class Patch:
         height, width = disparity.shape
         if near == far:
             return view(near, Window(0, 0, width, height))
-        colour = np.empty((height, width, 3), np.uint8)
+        color = np.empty((height, width, 3), np.uint8)
         for level in range(near, far + 1):
             farthest = 0.0 if level == far else (scale * 2.0 ** -(level + 0.3)) ** (2 / 3)
             nearest = np.inf if level == near else (scale * 2.0 ** -(level - 0.7)) ** (2 / 3)
@@ -243,8 +241,8 @@ class Patch:
             left, top, wide, tall = cv2.boundingRect(band)
             if wide:
                 part = Window(left, top, left + wide, top + tall)
-                cv2.copyTo(view(level, part), band[part.slices], colour[part.slices])
-        return colour
+                cv2.copyTo(view(level, part), band[part.slices], color[part.slices])
+        return color
 
     def _cut(self, matrix: NDArray[np.float64], window: Window, camera: Camera, eye: int) -> Image:
         if self.cutout is None:
@@ -308,8 +306,8 @@ class Relief(Patch):
 
         def paint(part: Window) -> Image:
             cut = part.within(window)
-            colour = self._paint_relief(u[cut], v[cut], matrix, middle, shade)
-            return self.material.finish(colour, part, camera, eye)
+            color = self._paint_relief(u[cut], v[cut], matrix, middle, shade)
+            return self.material.finish(color, part, camera, eye)
 
         return Fragment(window, disparity, coverage, paint)
 
@@ -320,20 +318,20 @@ class Relief(Patch):
         level = _level(pyramid, np.sqrt(abs(np.linalg.det(placement @ matrix))) * middle**-1.5)
         texels = _scaled(level) @ placement
         x, y = _affine(texels[0], u, v), _affine(texels[1], u, v)
-        colour = cv2.remap(pyramid[level], x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        color = cv2.remap(pyramid[level], x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
         light = cv2.remap(shade, u * cells, v * cells, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return cv2.multiply(colour, cv2.merge([light, light, light]), scale=1 / 128).astype(np.uint8, copy=False)
+        return cv2.multiply(color, cv2.merge([light, light, light]), scale=1 / 128).astype(np.uint8, copy=False)
 
 
 @dataclass(frozen=True)
 class Quadric:
     """An ellipsoid (`flat` 1), or an open cylinder or cone (`flat` 0) around the local third axis.
 
-    The local frame is s = axes (P - centre); the surface is s0^2 + s1^2 + flat s2^2 = (1 + taper s2)^2 with |s2| <= 1.
+    The local frame is s = axes (P - center); the surface is s0^2 + s1^2 + flat s2^2 = (1 + taper s2)^2 with |s2| <= 1.
     On a ray, 1/t is the disparity, so the equation is a quadratic in it whose larger root is the nearer hit.
     """
 
-    centre: Vector
+    center: Vector
     axes: NDArray[np.float64]  # rows: local axes divided by the semi-axes
     material: Material
     flat: int = 1
@@ -342,16 +340,16 @@ class Quadric:
 
     @property
     def depth(self) -> float:
-        return float(self.centre[2])
+        return float(self.center[2])
 
     @property
     def hull(self) -> Vector:
         wide = 1 + abs(self.taper)
         corners = np.array([[i * wide, j * wide, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-        return np.asarray(self.centre + corners @ np.linalg.inv(self.axes).T)
+        return np.asarray(self.center + corners @ np.linalg.inv(self.axes).T)
 
     def cast(self, camera: Camera, eye: int, window: Window) -> Fragment | None:
-        origin = self.axes @ (np.array([eye, 0, 0]) - self.centre)
+        origin = self.axes @ (np.array([eye, 0, 0]) - self.center)
         x, y = window.grid
         rays = [_affine(row, x, y) for row in self.axes @ camera.rays]
         o, e, k = origin, self.flat, self.taper
@@ -376,14 +374,14 @@ class Quadric:
 
         def paint(part: Window) -> Image:
             cut = part.within(window)
-            colour = self._paint([c[cut] for c in s], camera)
-            return self.material.finish(colour, part, camera, eye)
+            color = self._paint([c[cut] for c in s], camera)
+            return self.material.finish(color, part, camera, eye)
 
         return Fragment(window, disparity, coverage, paint)
 
     def _paint(self, s: list[Field], camera: Camera) -> Image:
         """Texture projected along the line from the left camera, in the local frame, and diffuse shading."""
-        facing = -self.centre / np.linalg.norm(self.centre)
+        facing = -self.center / np.linalg.norm(self.center)
         radius = 1 / np.linalg.norm(self.axes, axis=1)  # semi-axes
         forward = self.axes @ facing * np.array([1, 1, self.flat])
         forward /= np.linalg.norm(forward)
@@ -401,11 +399,11 @@ class Quadric:
         level = _level(pyramid, 1 / pixels)
         texels = _scaled(level) @ texels
         mapped = _affine(texels[0], across, along), _affine(texels[1], across, along)
-        colour = cv2.remap(pyramid[level], *mapped, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP).astype(
+        color = cv2.remap(pyramid[level], *mapped, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP).astype(
             np.uint8, copy=False
         )
         towards = self.axes @ (self.light / np.linalg.norm(self.light)) * np.array([1, 1, self.flat])
         towards /= max(float(np.linalg.norm(towards)), 1e-6)
         glow = _dot(towards, s)
         light = np.clip(128 * (0.8 + 0.45 * glow), 20, 250).astype(np.uint8, copy=False)
-        return cv2.multiply(colour, cv2.merge([light, light, light]), scale=1 / 128).astype(np.uint8, copy=False)
+        return cv2.multiply(color, cv2.merge([light, light, light]), scale=1 / 128).astype(np.uint8, copy=False)
