@@ -38,7 +38,7 @@ class RenderedSample(StereoSample):
     """A pair with dense ground truth for both views.
 
     disparity, right_disparity: float32 [H, W], pixels, the nearest surface that is more opaque than not.
-    occluded, right_occluded: bool [H, W], what the other eye does not see (outside its image included).
+    occluded, right_occluded: bool [H, W], what the other view does not show (outside its image included).
     """
 
     right_disparity: NDArray[np.float32]

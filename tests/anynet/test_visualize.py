@@ -62,9 +62,7 @@ def test_error_image() -> None:
 
 
 def test_panels_hold_every_image() -> None:
-    images = [
-        (str(value), np.full((20 + value, 30 + 10 * (value % 3), 3), value, np.uint8)) for value in (40, 80, 120)
-    ]
+    images = [(str(value), np.full((20 + value, 30 + 10 * (value % 3), 3), value, np.uint8)) for value in (40, 80, 120)]
     canvas = panels(images)
     for _, image in images:
         assert (canvas == image[0, 0]).all(axis=-1).sum() >= image[..., 0].size

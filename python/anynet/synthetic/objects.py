@@ -80,7 +80,7 @@ class Scene:
             turn=kind not in ("facade", "bricks", "sky") and rng.random() < 0.5,
             table=tone(rng, light, rng.random() < max(weak, self.weak), kind in ABSTRACT and rng.random() < 0.15),
             gloss=gloss,
-            glow=int(rng.integers(textures.VARIANTS)),
+            environment=int(rng.integers(textures.VARIANTS)),
             opacity=opacity,
         )
 
@@ -142,7 +142,7 @@ class Scene:
             for sign in (-1, 1):
                 middle = center + sign * normal / 2
                 if sign * normal @ middle >= 0 and sign * normal @ (middle - np.array([1.0, 0, 0])) >= 0:
-                    continue  # turned away from both eyes
+                    continue  # turned away from both cameras
                 light = self.rng.uniform(0.5, 1.2)
                 material = shared.lit(light) if same else self.material(kind, tile, light, weak, gloss)
                 self.patch(middle - (across + down) / 2, across, down, material)

@@ -1,4 +1,4 @@
-"""Draws a scene for both eyes, with exact disparities and occlusions."""
+"""Draws a scene for both cameras, with exact disparities and occlusions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from anynet.synthetic.textures import Field, Image
 MIXTURE = {"street": 0.35, "room": 0.4, "ground": 0.1, "things": 0.15}
 
 
-def draw(scene: Scene, eye: int) -> tuple[Image, Field]:
+def draw(scene: Scene, view: int) -> tuple[Image, Field]:
     """One view's image and disparity. Geometry from front to back, to find out what is hidden; color the other way."""
     camera = scene.camera
     shape = camera.height, camera.width
@@ -26,10 +26,10 @@ def draw(scene: Scene, eye: int) -> tuple[Image, Field]:
     fragments = []
     for surface in sorted(scene.surfaces, key=lambda s: s.depth):
         hull = surface.hull
-        window = camera.window(hull, eye)
+        window = camera.window(hull, view)
         if window is None or camera.focal / hull[:, 2].min() < solid[window.slices].min():
             continue
-        fragment = surface.cast(camera, eye, window)
+        fragment = surface.cast(camera, view, window)
         if fragment is None:
             continue
         part = window.slices

@@ -55,8 +55,8 @@ def street(rng: Rng, height: int, width: int) -> Scene:
     """Road with curbs and markings, buildings or greenery along it, cars, people, poles, trees, sky."""
     camera = _camera(rng, height, width, (0.6, 1.2), (0.3, 0.55))
     scene = Scene(rng, camera, _tilt(rng, 0.012))
-    eye = rng.uniform(2.2, 5.5)  # height above the road
-    unit = eye / 3
+    camera_height = rng.uniform(2.2, 5.5)  # height above the road
+    unit = camera_height / 3
     near, far = camera.focal / 150, camera.focal / rng.uniform(0.7, 2)
     _sky(scene)
     if rng.random() < 0.8:  # what closes the view: hills, trees, houses
@@ -65,25 +65,29 @@ def street(rng: Rng, height: int, width: int) -> Scene:
         cut = scene.shape("blob", "canopy") if rng.random() < 0.4 else None
         material = scene.material(("foliage", "facade", "leaves", "noise"), tall * 1.5, rng.uniform(0.5, 1.2))
         scene.patch(
-            np.array([-wide / 2, eye - tall, z]), np.array([wide, 0, 0]), np.array([0, tall * 1.02, 0]), material, cut
+            np.array([-wide / 2, camera_height - tall, z]),
+            np.array([wide, 0, 0]),
+            np.array([0, tall * 1.02, 0]),
+            material,
+            cut,
         )
     road = unit * rng.uniform(4, 13)  # half its width
-    _ground(scene, eye, ("gravel", "gravel", "gravel", "plain", "bricks", "noise"), unit * 5, near, far)
+    _ground(scene, camera_height, ("gravel", "gravel", "gravel", "plain", "bricks", "noise"), unit * 5, near, far)
     for side in (-1, 1):
         curb = unit * rng.choice([0.0, 0.25, 0.4])
         inner, outer = side * road, side * far
         if rng.random() < 0.85:  # sidewalk or grass
             material = scene.material(("gravel", "bricks", "foliage", "noise", "plain"), unit * 3, weak=0.2)
-            start = np.array([min(inner, outer), eye - curb - 1e-3, near])
+            start = np.array([min(inner, outer), camera_height - curb - 1e-3, near])
             scene.patch(start, np.array([abs(outer - inner), 0, 0]), np.array([0, 0, far - near]), material)
             if curb:
                 scene.patch(
-                    np.array([inner, eye - curb, near]),
+                    np.array([inner, camera_height - curb, near]),
                     np.array([0, 0, far - near]),
                     np.array([0, curb, 0]),
                     scene.material(("gravel",), unit * 2),
                 )
-        foot_y = eye - curb
+        foot_y = camera_height - curb
         wall = side * (road + unit * rng.uniform(1, 14))
         z = near + unit * rng.uniform(0, 30)
         style = rng.choice(3, p=[0.55, 0.3, 0.15])
@@ -152,11 +156,14 @@ def street(rng: Rng, height: int, width: int) -> Scene:
             dash, gap = unit * rng.uniform(3, 8), unit * rng.choice([0.01, rng.uniform(4, 12)])
             for z in np.arange(near, far * 0.3, dash + gap)[:12]:
                 scene.patch(
-                    np.array([lane, eye - 2e-3, z]), np.array([unit * 0.25, 0, 0]), np.array([0, 0, dash]), white
+                    np.array([lane, camera_height - 2e-3, z]),
+                    np.array([unit * 0.25, 0, 0]),
+                    np.array([0, 0, dash]),
+                    white,
                 )
     for _ in range(rng.integers(0, 5)):  # shadows of what stands beside the road
         scene.shadow(
-            np.array([rng.uniform(-road, road), eye, rng.uniform(near, far * 0.2)]),
+            np.array([rng.uniform(-road, road), camera_height, rng.uniform(near, far * 0.2)]),
             unit * rng.uniform(3, 20),
             unit * rng.uniform(3, 20),
         )
@@ -164,13 +171,13 @@ def street(rng: Rng, height: int, width: int) -> Scene:
         z = camera.focal / log_uniform(rng, 4, 70)
         lane = rng.uniform(-1, 1) * road
         scene.car(
-            np.array([lane, eye, z]),
+            np.array([lane, camera_height, z]),
             float(rng.choice([0, np.pi]) + rng.normal(0, 0.08) if rng.random() < 0.75 else random_angle(rng)),
             unit,
         )
     for _ in range(rng.poisson(1.0)):
         z = camera.focal / rng.uniform(6, 60)
-        scene.person(np.array([rng.uniform(-1, 1) * road, eye, z]), unit * rng.uniform(2.6, 3.6))
+        scene.person(np.array([rng.uniform(-1, 1) * road, camera_height, z]), unit * rng.uniform(2.6, 3.6))
     if rng.random() < 0.15:  # overhead wires
         z = camera.focal / rng.uniform(8, 40)
         scene.card(

@@ -1,8 +1,8 @@
-"""Textured surfaces, seen by either eye of a rectified pair.
+"""Textured surfaces, seen by either camera of a rectified pair.
 
 Lengths are in baselines, in the left camera's frame (x right, y down, z forward). A point (X, Y, Z) lies at pixel
-(cx + f (X - e) / Z, cy + f Y / Z) of eye e (0 left, 1 right), and its disparity is f / Z. The ray of a pixel is
-r = (x - cx, y - cy, f), so that the point on it with disparity d is r / d (+ the eye's position).
+(cx + f (X - e) / Z, cy + f Y / Z) of view e (0 left, 1 right), and its disparity is f / Z. The ray of a pixel is
+r = (x - cx, y - cy, f), so that the point on it with disparity d is r / d (+ the camera's position).
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ class Camera:
         """Maps (x, y, 1) to the pixel's ray."""
         return np.array([[1, 0, -self.cx], [0, 1, -self.cy], [0, 0, self.focal]])
 
-    def project(self, points: Vector, eye: int) -> Vector:
+    def project(self, points: Vector, view: int) -> Vector:
         """Pixels [N, 2] of points [N, 3]."""
         scale = self.focal / points[:, 2:]
-        return np.asarray((points[:, :2] - [eye, 0]) * scale + [self.cx, self.cy])
+        return np.asarray((points[:, :2] - [view, 0]) * scale + [self.cx, self.cy])
 
-    def window(self, hull: Vector, eye: int) -> Window | None:
+    def window(self, hull: Vector, view: int) -> Window | None:
         """The part of the image that the hull of some points [N, 3] covers; None if nothing, or too near."""
         if hull[:, 2].min() < NEAREST:
             return None
-        pixels = self.project(hull, eye)
+        pixels = self.project(hull, view)
         x0, y0 = np.maximum(np.floor(pixels.min(0)), 0)
         x1, y1 = np.minimum(np.ceil(pixels.max(0)) + 1, [self.width, self.height])
         return Window(int(x0), int(y0), int(x1), int(y1)) if x0 < x1 and y0 < y1 else None
@@ -84,7 +84,7 @@ class Window(NamedTuple):
 
 
 class Fragment(NamedTuple):
-    """What a surface shows to one eye."""
+    """What a surface shows to one camera."""
 
     window: Window
     disparity: Field  # [h, w]
@@ -101,8 +101,8 @@ class Surface(Protocol):
     def hull(self) -> Vector:
         """Points [N, 3] whose convex hull holds the surface."""
 
-    def cast(self, camera: Camera, eye: int, window: Window) -> Fragment | None:
-        """What an eye sees of the surface inside the window of its hull; None if nothing."""
+    def cast(self, camera: Camera, view: int, window: Window) -> Fragment | None:
+        """What a camera sees of the surface inside the window of its hull; None if nothing."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class Material:
     table: Image | None = None  # [256, 1, 3] tone curve per channel
     opacity: float = 1.0
     gloss: float = 0.0  # share of a mirrored environment in the color
-    glow: int = 0  # variant of that environment's texture
+    environment: int = 0  # variant of its texture
 
     def lit(self, light: float) -> Material:
         """The same material under brighter (> 1) or dimmer light."""
@@ -133,16 +133,16 @@ class Material:
             return np.array([[0, b, ou * size], [a, 0, ov * size], [0, 0, 1]])
         return np.array([[a, 0, ou * size], [0, b, ov * size], [0, 0, 1]])
 
-    def finish(self, color: Image, window: Window, camera: Camera, eye: int) -> Image:
+    def finish(self, color: Image, window: Window, camera: Camera, view: int) -> Image:
         """Tone curve, and the reflection of surroundings that seem to lie at another depth than the surface."""
         if self.table is not None:
             color = cv2.LUT(color, self.table).astype(np.uint8, copy=False)
         if self.gloss:
-            mirror = textures.texture("leaves", self.glow)[2]
-            virtual = camera.width / 40 * (self.glow % 5)  # disparity of what is mirrored
+            mirror = textures.texture("leaves", self.environment)[2]
+            virtual = camera.width / 40 * (self.environment % 5)  # disparity of what is mirrored
             size = mirror.shape[0]
             move = np.array([[size / camera.width, 0, 0], [0, size / camera.width, 0]]) @ (
-                np.array([[1, 0, eye * virtual], [0, 1, 0], [0, 0, 1]]) @ window.shift
+                np.array([[1, 0, view * virtual], [0, 1, 0], [0, 0, 1]]) @ window.shift
             )
             flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
             seen = cv2.warpAffine(mirror, move, window.size, flags=flags, borderMode=cv2.BORDER_WRAP)
@@ -193,26 +193,26 @@ class Patch:
         o, u, v = self.origin, self.across, self.down
         return np.array([o, o + u, o + u + v, o + v])
 
-    def coordinates(self, camera: Camera, eye: int) -> NDArray[np.float64] | None:
+    def coordinates(self, camera: Camera, view: int) -> NDArray[np.float64] | None:
         """The matrix A; None when seen edge-on."""
-        frame = np.stack([self.across, self.down, self.origin - np.array([eye, 0, 0])], 1)
+        frame = np.stack([self.across, self.down, self.origin - np.array([view, 0, 0])], 1)
         if abs(np.linalg.det(frame)) < 1e-9:
             return None
         return np.asarray(np.linalg.inv(frame) @ camera.rays)
 
-    def cast(self, camera: Camera, eye: int, window: Window) -> Fragment | None:
-        matrix = self.coordinates(camera, eye)
+    def cast(self, camera: Camera, view: int, window: Window) -> Fragment | None:
+        matrix = self.coordinates(camera, view)
         if matrix is None:
             return None
         x, y = window.grid
         disparity = _affine(matrix[2], x, y)
-        coverage = self._cut(matrix @ window.shift, window, camera, eye)
+        coverage = self._cut(matrix @ window.shift, window, camera, view)
         if self.material.opacity < 1:
             coverage = cv2.convertScaleAbs(coverage, alpha=self.material.opacity).astype(np.uint8, copy=False)
 
         def paint(part: Window) -> Image:
             color = self._paint(matrix @ part.shift, disparity[part.within(window)])
-            return self.material.finish(color, part, camera, eye)
+            return self.material.finish(color, part, camera, view)
 
         return Fragment(window, disparity, coverage, paint)
 
@@ -225,14 +225,14 @@ class Patch:
         low, high = (max(float(d), 1e-3) for d in cv2.minMaxLoc(disparity)[:2])
         near, far = _level(pyramid, scale * high**-1.5), _level(pyramid, scale * low**-1.5)
 
-        def view(level: int, part: Window) -> Image:
+        def warped(level: int, part: Window) -> Image:
             move = _scaled(level) @ texels @ part.shift
             flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
             return cv2.warpPerspective(pyramid[level], move, part.size, flags=flags, borderMode=cv2.BORDER_WRAP)  # type: ignore[return-value]
 
         height, width = disparity.shape
         if near == far:
-            return view(near, Window(0, 0, width, height))
+            return warped(near, Window(0, 0, width, height))
         color = np.empty((height, width, 3), np.uint8)
         for level in range(near, far + 1):
             farthest = 0.0 if level == far else (scale * 2.0 ** -(level + 0.3)) ** (2 / 3)
@@ -241,12 +241,12 @@ class Patch:
             left, top, wide, tall = cv2.boundingRect(band)
             if wide:
                 part = Window(left, top, left + wide, top + tall)
-                cv2.copyTo(view(level, part), band[part.slices], color[part.slices])
+                cv2.copyTo(warped(level, part), band[part.slices], color[part.slices])
         return color
 
-    def _cut(self, matrix: NDArray[np.float64], window: Window, camera: Camera, eye: int) -> Image:
+    def _cut(self, matrix: NDArray[np.float64], window: Window, camera: Camera, view: int) -> Image:
         if self.cutout is None:
-            outline = np.clip(16 * (camera.project(self.hull, eye) - window[:2]), -(2.0**24), 2.0**24)
+            outline = np.clip(16 * (camera.project(self.hull, view) - window[:2]), -(2.0**24), 2.0**24)
             mask = np.zeros(window.size[::-1], np.uint8)
             cv2.fillConvexPoly(mask, np.round(outline).astype(np.int32), 255, cv2.LINE_AA, 4)
         else:
@@ -265,7 +265,7 @@ class Patch:
 class Relief(Patch):
     """A patch whose disparity is multiplied by 1 + height(u, v) * strength: cloth, rock, terrain, a face.
 
-    Everything hangs on the left pixel; the right eye finds it as the fixed point of x = x_right + d(x, y).
+    Everything hangs on the left pixel; the right view finds it as the fixed point of x = x_right + d(x, y).
     """
 
     variant: int = 0
@@ -276,7 +276,7 @@ class Relief(Patch):
         corners = super().hull
         return np.concatenate([corners / (1 + self.strength), corners / (1 - self.strength)])
 
-    def cast(self, camera: Camera, eye: int, window: Window) -> Fragment | None:
+    def cast(self, camera: Camera, view: int, window: Window) -> Fragment | None:
         matrix = self.coordinates(camera, 0)
         if matrix is None:
             return None
@@ -285,8 +285,8 @@ class Relief(Patch):
         x, y = window.grid
         column = np.broadcast_to(x, window.size[::-1])
         disparity = np.zeros(window.size[::-1], np.float32)
-        for _ in range(STEPS if eye else 1):
-            column = x + disparity if eye else column
+        for _ in range(STEPS if view else 1):
+            column = x + disparity if view else column
             q = _affine(matrix[2], column, y)
             inverse = 1 / np.maximum(q, np.float32(1e-3))
             u, v = (np.asarray(_affine(row, column, y) * inverse, np.float32) for row in matrix[:2])
@@ -307,7 +307,7 @@ class Relief(Patch):
         def paint(part: Window) -> Image:
             cut = part.within(window)
             color = self._paint_relief(u[cut], v[cut], matrix, middle, shade)
-            return self.material.finish(color, part, camera, eye)
+            return self.material.finish(color, part, camera, view)
 
         return Fragment(window, disparity, coverage, paint)
 
@@ -348,15 +348,15 @@ class Quadric:
         corners = np.array([[i * wide, j * wide, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
         return np.asarray(self.center + corners @ np.linalg.inv(self.axes).T)
 
-    def cast(self, camera: Camera, eye: int, window: Window) -> Fragment | None:
-        origin = self.axes @ (np.array([eye, 0, 0]) - self.center)
+    def cast(self, camera: Camera, view: int, window: Window) -> Fragment | None:
+        origin = self.axes @ (np.array([view, 0, 0]) - self.center)
         x, y = window.grid
         rays = [_affine(row, x, y) for row in self.axes @ camera.rays]
         o, e, k = origin, self.flat, self.taper
         rim = 1 + k * o[2]
         c2 = o[0] ** 2 + o[1] ** 2 + e * o[2] ** 2 - rim**2
         if c2 <= 0:
-            return None  # the eye is inside
+            return None  # the camera is inside
         c1 = np.float32(o[0]) * rays[0] + np.float32(o[1]) * rays[1] + np.float32(e * o[2] - rim * k) * rays[2]
         c0 = rays[0] ** 2 + rays[1] ** 2 + np.float32(e - k * k) * rays[2] ** 2
         root = c1 * c1 - np.float32(c2) * c0
@@ -375,7 +375,7 @@ class Quadric:
         def paint(part: Window) -> Image:
             cut = part.within(window)
             color = self._paint([c[cut] for c in s], camera)
-            return self.material.finish(color, part, camera, eye)
+            return self.material.finish(color, part, camera, view)
 
         return Fragment(window, disparity, coverage, paint)
 
