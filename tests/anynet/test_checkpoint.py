@@ -16,7 +16,7 @@ from anynet import AnyNet, AnyNetConfig, Predictor, load_checkpoint, save_checkp
 from anynet.checkpoint import PACKAGED, load_metadata
 from anynet.errors import AnyNetError
 from anynet.evaluation.metrics import scores
-from anynet.network import MEAN, STD
+from anynet.model.config import MEAN, STD, FirstStageConfig, RefinementConfig
 
 SHARED = Path(__file__).parents[2] / ".." / "shared"
 needs_shared = pytest.mark.skipif(not SHARED.exists(), reason="the authors' weights and KITTI are not in ../shared")
@@ -31,7 +31,7 @@ def saved(tmp_path: Path) -> Path:
 
 def test_round_trip(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    config = AnyNetConfig(spn_directions=(0, 1), spn_combine="mean", cost_channels=(8, 4, 4))
+    config = AnyNetConfig(first_stage=FirstStageConfig(channels=8), refinement=RefinementConfig(directions=(0, 1)))
     model = AnyNet(config)
     model(*torch.randn(2, 1, 3, 32, 32))  # moves the batch-norm statistics
     path = tmp_path / "weights.safetensors"
