@@ -83,7 +83,7 @@ class AnyNet(nn.Module):
             h, w = features.shape[2:]
             scale = height // h
             update = stage(features, resize(estimate, (h, w), scale=1 / scale))
-            estimate = resize(update, size, scale=scale, add=None if stage.replaces else estimate)  # type: ignore[arg-type]
+            estimate = resize(update, size, scale=scale, add=None if stage.replaces else estimate)
             yield estimate
         estimate = resize(estimate, (height // self.config.finest, width // self.config.finest))
         yield resize(self.refinement(left, right, estimate), size)
