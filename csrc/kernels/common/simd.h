@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <cstring>
 
+#include "half.h"
 #include "tensor.h"
 
 #if defined(__AVX2__)
@@ -132,17 +133,6 @@ ANYNET_INLINE vec<A> load(const A* p, LaneRange<A> range) {
 }
 #endif
 
-ANYNET_INLINE float to_float(float16 h) {
-  _Float16 f;
-  std::memcpy(&f, &h, sizeof(f));
-  return static_cast<float>(f);
-}
-ANYNET_INLINE float to_float(bfloat16 b) {
-  const uint32_t bits = static_cast<uint32_t>(b.bits) << 16;
-  float f;
-  std::memcpy(&f, &bits, sizeof(f));
-  return f;
-}
 ANYNET_INLINE float to_accumulator(float a) { return a; }
 ANYNET_INLINE double to_accumulator(double a) { return a; }
 ANYNET_INLINE float to_accumulator(float16 a) { return to_float(a); }
@@ -155,18 +145,11 @@ ANYNET_INLINE T from_accumulator(accumulator_t<T> a) {
 }
 template <>
 ANYNET_INLINE float16 from_accumulator<float16>(float a) {
-  const _Float16 f = static_cast<_Float16>(a);
-  float16 h;
-  std::memcpy(&h, &f, sizeof(h));
-  return h;
+  return to_float16(a);
 }
 template <>
 ANYNET_INLINE bfloat16 from_accumulator<bfloat16>(float a) {
-  uint32_t bits;
-  std::memcpy(&bits, &a, sizeof(bits));
-  if (a != a) return bfloat16{0x7fc0};
-  bits += 0x7fff + ((bits >> 16) & 1);
-  return bfloat16{static_cast<uint16_t>(bits >> 16)};
+  return to_bfloat16(a);
 }
 
 /// `count` elements, `stride` apart, as contiguous accumulators: in place where they are that already, else copied
