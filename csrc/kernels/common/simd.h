@@ -83,6 +83,45 @@ ANYNET_INLINE vec<A> larger(vec<A> a, vec<A> b) {
   return a > b ? a : b;
 }
 
+/// The elements I... of `a` followed by `b`.
+template <int... I, class V>
+ANYNET_INLINE V shuffle(V a, V b) {
+#if defined(__clang__) || __GNUC__ >= 12
+  return __builtin_shufflevector(a, b, I...);
+#else
+  using mask = decltype(a == b);
+  return __builtin_shuffle(a, b, mask{I...});
+#endif
+}
+
+/// The same with indices that are not known before.
+template <class A>
+ANYNET_INLINE vec<A> shuffle(vec<A> a, vec<A> b, typename Simd<A>::mask indices) {
+#if !defined(__clang__)
+  return __builtin_shuffle(a, b, indices);
+#else
+#if defined(__AVX2__)
+  if constexpr (lanes<A> == 8 && sizeof(A) == 4) {
+    const auto i = reinterpret_cast<__m256i>(indices);
+    const __m256 from_a = _mm256_permutevar8x32_ps(reinterpret_cast<__m256>(a), i);
+    const __m256 from_b = _mm256_permutevar8x32_ps(reinterpret_cast<__m256>(b), i);
+    return indices < lanes<A> ? reinterpret_cast<vec<A>>(from_a) : reinterpret_cast<vec<A>>(from_b);
+  }
+#endif
+#if defined(__AVX512F__)
+  if constexpr (sizeof(A) == 4) {
+    return reinterpret_cast<vec<A>>(_mm512_permutex2var_ps(
+        reinterpret_cast<__m512>(a), reinterpret_cast<__m512i>(indices), reinterpret_cast<__m512>(b)));
+  }
+#endif
+  A all[2 * lanes<A>], out[lanes<A>];
+  store(all, a);
+  store(all + lanes<A>, b);
+  for (int i = 0; i < lanes<A>; ++i) out[i] = all[indices[i]];
+  return load(out);
+#endif
+}
+
 /// A number as a type, for templates.
 template <int value>
 struct Constant {

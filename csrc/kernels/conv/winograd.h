@@ -119,7 +119,7 @@ Vector<T> pack_transformed(const Geometry& g, const Weight& weight) {
 /// The elements of two vectors in turn: of their first or of their second halves.
 template <class T, int half, int... I>
 ANYNET_INLINE vec<T> in_turn(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
-  return __builtin_shufflevector(a, b, (half * lanes<T> / 2 + I / 2 + I % 2 * lanes<T>)...);
+  return shuffle<(half * lanes<T> / 2 + I / 2 + I % 2 * lanes<T>)...>(a, b);
 }
 
 /// The pixels of a vector of tiles, `x` columns to the right of `rows`. left, right: the first column, or the
