@@ -68,12 +68,10 @@ std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, 
 }  // namespace
 
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
-  m.def("batch_norm_relu(Tensor input, Tensor weight, Tensor bias, float eps) -> (Tensor, Tensor, Tensor)",
-        {at::Tag::pt2_compliant_tag});
+  m.def("batch_norm_relu(Tensor input, Tensor weight, Tensor bias, float eps) -> (Tensor, Tensor, Tensor)");
   m.def(
       "batch_norm_relu_backward(Tensor grad, Tensor input, Tensor weight, Tensor bias, Tensor mean, Tensor variance, "
-      "float eps) -> (Tensor, Tensor, Tensor)",
-      {at::Tag::pt2_compliant_tag});
+      "float eps) -> (Tensor, Tensor, Tensor)");
 }
 
 STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {

@@ -114,16 +114,13 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   for (const std::string name : {"conv3x3", "conv3x3x3"}) {
     m.def((name + "(Tensor input, Tensor weight, Tensor? bias, Tensor? scale, Tensor? shift, int stride, bool relu_in, "
                   "bool relu_out) -> Tensor")
-              .c_str(),
-          {at::Tag::pt2_compliant_tag});
+              .c_str());
     m.def((name +
            "_backward_input(Tensor grad, Tensor weight, Tensor? before, SymInt[] input_size, int stride) -> Tensor")
-              .c_str(),
-          {at::Tag::pt2_compliant_tag});
+              .c_str());
     m.def((name + "_backward_weight(Tensor grad, Tensor input, Tensor? scale, Tensor? shift, int stride, bool relu_in) "
                   "-> (Tensor, Tensor)")
-              .c_str(),
-          {at::Tag::pt2_compliant_tag});
+              .c_str());
   }
 }
 

@@ -53,13 +53,11 @@ std::tuple<Tensor, Tensor, Tensor> cost_volume_backward(const Tensor& grad, cons
 
 #ifdef ANYNET_DEFINE_SCHEMAS
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
-  m.def("cost_volume(Tensor left, Tensor right, Tensor? disparity, int first, int last) -> Tensor",
-        {at::Tag::pt2_compliant_tag});
+  m.def("cost_volume(Tensor left, Tensor right, Tensor? disparity, int first, int last) -> Tensor");
   // Without disparity the third result is empty.
   m.def(
       "cost_volume_backward(Tensor grad, Tensor left, Tensor right, Tensor? disparity, int first, int last) -> "
-      "(Tensor, Tensor, Tensor)",
-      {at::Tag::pt2_compliant_tag});
+      "(Tensor, Tensor, Tensor)");
 }
 #endif
 

@@ -223,28 +223,21 @@ Tensor small_image(const Tensor& image, const Tensor& mean, const Tensor& std, i
 }
 
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
-  m.def("upsample_concat(Tensor skip, Tensor coarse, Tensor scale, Tensor shift) -> Tensor",
-        {at::Tag::pt2_compliant_tag});
-  m.def("upsample_add(Tensor input, Tensor coarse, Tensor scale, Tensor shift) -> Tensor",
-        {at::Tag::pt2_compliant_tag});
+  m.def("upsample_concat(Tensor skip, Tensor coarse, Tensor scale, Tensor shift) -> Tensor");
+  m.def("upsample_add(Tensor input, Tensor coarse, Tensor scale, Tensor shift) -> Tensor");
   m.def(
       "activated_cost_volume(Tensor left, Tensor right, Tensor? disparity, int first, int last, Tensor scale, "
-      "Tensor shift) -> Tensor",
-      {at::Tag::pt2_compliant_tag});
-  m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("fill_hidden(Tensor disparity, float pixel) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("update_picture(Tensor features, Tensor disparity, int groups, int first, int last, int radius) -> Tensor",
-        {at::Tag::pt2_compliant_tag});
-  m.def("expected_disparity(Tensor cost, Tensor disparity, Tensor offsets, int first) -> Tensor",
-        {at::Tag::pt2_compliant_tag});
-  m.def("convex_upsampling(Tensor input, Tensor logits) -> Tensor", {at::Tag::pt2_compliant_tag});
+      "Tensor shift) -> Tensor");
+  m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor");
+  m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor");
+  m.def("fill_hidden(Tensor disparity, float pixel) -> Tensor");
+  m.def("update_picture(Tensor features, Tensor disparity, int groups, int first, int last, int radius) -> Tensor");
+  m.def("expected_disparity(Tensor cost, Tensor disparity, Tensor offsets, int first) -> Tensor");
+  m.def("convex_upsampling(Tensor input, Tensor logits) -> Tensor");
   m.def(
       "small_image(Tensor image, Tensor mean, Tensor std, int factor, int block, SymInt height, SymInt width) -> "
-      "Tensor",
-      {at::Tag::pt2_compliant_tag});
-  m.def("upsample_sum(Tensor[] maps, int[] ratios, float gain, SymInt height, SymInt width) -> Tensor",
-        {at::Tag::pt2_compliant_tag});
+      "Tensor");
+  m.def("upsample_sum(Tensor[] maps, int[] ratios, float gain, SymInt height, SymInt width) -> Tensor");
 }
 
 STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {

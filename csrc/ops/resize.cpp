@@ -30,10 +30,8 @@ Tensor resize_backward(const Tensor& grad, int64_t height, int64_t width, double
 }
 
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
-  m.def("resize(Tensor input, SymInt height, SymInt width, float scale, Tensor? add, bool align_corners) -> Tensor",
-        {at::Tag::pt2_compliant_tag});
-  m.def("resize_backward(Tensor grad, SymInt height, SymInt width, float scale, bool align_corners) -> Tensor",
-        {at::Tag::pt2_compliant_tag});
+  m.def("resize(Tensor input, SymInt height, SymInt width, float scale, Tensor? add, bool align_corners) -> Tensor");
+  m.def("resize_backward(Tensor grad, SymInt height, SymInt width, float scale, bool align_corners) -> Tensor");
 }
 
 STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {

@@ -29,8 +29,8 @@ Tensor soft_argmin_backward(const Tensor& grad, const Tensor& cost, int64_t firs
 
 #ifdef ANYNET_DEFINE_SCHEMAS
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
-  m.def("soft_argmin(Tensor cost, int first) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("soft_argmin_backward(Tensor grad, Tensor cost, int first) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def("soft_argmin(Tensor cost, int first) -> Tensor");
+  m.def("soft_argmin_backward(Tensor grad, Tensor cost, int first) -> Tensor");
 }
 #endif
 

@@ -34,11 +34,10 @@ std::tuple<Tensor, Tensor> spatial_propagation_backward(const Tensor& grad, cons
 
 #ifdef ANYNET_DEFINE_SCHEMAS
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
-  m.def("spatial_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def("spatial_propagation(Tensor input, Tensor gates, int direction) -> Tensor");
   m.def(
       "spatial_propagation_backward(Tensor grad, Tensor input, Tensor gates, Tensor out, int direction) -> "
-      "(Tensor, Tensor)",
-      {at::Tag::pt2_compliant_tag});
+      "(Tensor, Tensor)");
 }
 #endif
 

@@ -46,8 +46,7 @@ Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const T
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   m.def(
       "stem(Tensor left, Tensor right, Tensor mean, Tensor weight_first, Tensor bias_first, Tensor weight_second, "
-      "Tensor scale, Tensor shift, int enlargement, int multiple) -> Tensor",
-      {at::Tag::pt2_compliant_tag});
+      "Tensor scale, Tensor shift, int enlargement, int multiple) -> Tensor");
 }
 
 STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) { m.impl("stem", TORCH_BOX(&stem)); }

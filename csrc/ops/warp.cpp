@@ -32,8 +32,8 @@ std::tuple<Tensor, Tensor> warp_backward(const Tensor& grad, const Tensor& image
 
 #ifdef ANYNET_DEFINE_SCHEMAS
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
-  m.def("warp(Tensor image, Tensor disparity) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("warp_backward(Tensor grad, Tensor image, Tensor disparity) -> (Tensor, Tensor)", {at::Tag::pt2_compliant_tag});
+  m.def("warp(Tensor image, Tensor disparity) -> Tensor");
+  m.def("warp_backward(Tensor grad, Tensor image, Tensor disparity) -> (Tensor, Tensor)");
 }
 #endif
 
