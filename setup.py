@@ -1,7 +1,7 @@
 """Builds the native libraries: CMake knows the sources, this file only drives it.
 
-Environment variables: ANYNET_CUDA=ON|OFF|AUTO; ANYNET_TORCH_DIR, a torch package whose headers to use; ANYNET_KERNELS=OFF
-leaves out _kernels, which only the tests need and which alone ties a wheel to one version of Python; CMAKE_ARGS.
+Environment variables: ANYNET_CUDA=ON, OFF or AUTO; ANYNET_TORCH_DIR, a torch package whose headers to use; CMAKE_ARGS;
+ANYNET_KERNELS=OFF leaves out _kernels, which only the tests need and which alone ties a wheel to one version of Python.
 """
 
 import os
@@ -58,7 +58,7 @@ class CMakeBuild(build_ext):
         if KERNELS == "ON":
             import pybind11
 
-            configure += [f"-Dpybind11_DIR={pybind11.get_cmake_dir()}", f"-DPYTHON_EXECUTABLE={sys.executable}"]
+            configure += [f"-Dpybind11_DIR={pybind11.get_cmake_dir()}", f"-DPython_EXECUTABLE={sys.executable}"]
         subprocess.run(configure, check=True)
         subprocess.run(["cmake", "--build", str(cmake_build)], check=True)
         for old in target.glob("*.so"):

@@ -54,7 +54,7 @@ def find_torch() -> Path | None:
 
 
 def _package_folders() -> Iterator[Path]:
-    """Where packages are installed: for this process; and for the interpreter or environment that pip was started with."""
+    """Where packages are installed: this process's own, then those of the environment that pip installs into."""
     yield from map(Path, sys.path)
     yield from map(Path, site.getsitepackages())
     if site.ENABLE_USER_SITE:

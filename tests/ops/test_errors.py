@@ -245,11 +245,3 @@ def test_operators(ops, name, args, message):
             *[a.to(ops.device) if isinstance(a, torch.Tensor) else a for a in args]
         )
     assert str(caught.value).splitlines()[0] == message
-
-
-def test_missing_library(tmp_path, monkeypatch):
-    from anynet_ext import _library
-
-    monkeypatch.setattr(_library, "_FOLDER", tmp_path)
-    with pytest.raises(ImportError, match=r"_C\.so is missing: build it with `pip install \.`"):
-        _library._load("_C.so")
