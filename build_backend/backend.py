@@ -15,7 +15,6 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
-from setuptools import build_meta
 from setuptools.build_meta import (  # noqa: F401  (pip looks for them here)
     build_editable,
     build_sdist,
@@ -29,15 +28,11 @@ OLDEST_TORCH = 2, 10
 
 
 def get_requires_for_build_wheel(config_settings: Any = None) -> list[str]:
-    return build_meta.get_requires_for_build_wheel(config_settings) + _requirements()
+    """What a build needs beside pyproject.toml's build requirements."""
+    return [] if find_torch() else ["torch>={}.{}".format(*OLDEST_TORCH)]
 
 
-def get_requires_for_build_editable(config_settings: Any = None) -> list[str]:
-    return build_meta.get_requires_for_build_editable(config_settings) + _requirements()
-
-
-def _requirements() -> list[str]:
-    return [] if find_torch() else [f"torch>={OLDEST_TORCH[0]}.{OLDEST_TORCH[1]}"]
+get_requires_for_build_editable = get_requires_for_build_wheel
 
 
 def find_torch() -> Path | None:
