@@ -67,7 +67,7 @@ ANYNET_INLINE vec<A> absolute(vec<A> v) {
 
 /// The smaller of each pair; `b` where an element is NaN.
 template <class A>
-ANYNET_INLINE vec<A> smaller(vec<A> a, vec<A> b) {
+ANYNET_INLINE vec<A> min(vec<A> a, vec<A> b) {
 #if defined(__AVX512F__)
   if constexpr (sizeof(A) == 4) {
     constexpr __mmask16 all = 0xffff;
@@ -79,7 +79,7 @@ ANYNET_INLINE vec<A> smaller(vec<A> a, vec<A> b) {
 
 /// The larger of each pair; `b` where an element is NaN.
 template <class A>
-ANYNET_INLINE vec<A> larger(vec<A> a, vec<A> b) {
+ANYNET_INLINE vec<A> max(vec<A> a, vec<A> b) {
   return a > b ? a : b;
 }
 

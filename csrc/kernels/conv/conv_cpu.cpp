@@ -29,7 +29,7 @@ auto activation(const Args& a) {
       if constexpr (std::is_same_v<decltype(v), T>) {
         return v < lowest ? lowest : v;
       } else {
-        return larger<T>(splat(lowest), v);
+        return max<T>(splat(lowest), v);
       }
     };
   };
