@@ -9,7 +9,6 @@ import pytest
 
 import anynet_ext
 
-
 try:
     from anynet_ext import _kernels  # noqa: F401
 except ImportError:  # a wheel for all versions of Python: no instruction set can be tested apart from the operators
