@@ -44,6 +44,9 @@ class Calibration:
     rig: StereoRig | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        for name in _LIMITS:
+            if getattr(self, name) is not None:  # NumPy's numbers would not go into JSON
+                object.__setattr__(self, name, float(getattr(self, name)))
         for name in ("focal", "baseline"):
             if not 0 < getattr(self, name) < math.inf:
                 raise AnyNetError(f"calibration: expected {name} > 0, got {getattr(self, name):g}")

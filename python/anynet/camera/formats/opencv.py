@@ -108,7 +108,7 @@ def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], mete
             rig = StereoRig(left, right, _rotation(rotation), _vector(translation) * meters, found.size)
             found.rig = None if rig.is_rectified else rig
         return
-    found.origin = f"OpenCV, {cameras[0][0]} and {cameras[1][0]}" if left is not right else f"OpenCV, {cameras[0][0]}"
+    found.origin = "OpenCV, " + " and ".join(dict.fromkeys(name for name, _ in cameras))
     raw = left.distorted or right.distorted
     if raw and (rotation is None or translation is None):
         lacking = [name for name, named in (("R", rotation), ("T", translation)) if named is None]
