@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anynet.samples import MAX_DISPARITY, RenderedSample
-from anynet.synthetic.objects import Scene
+from anynet.synthetic.geometry import Window
+from anynet.synthetic.scene import Scene
 from anynet.synthetic.scenes import PRESETS
 from anynet.synthetic.sensor import photograph
-from anynet.synthetic.surfaces import Window
 from anynet.synthetic.textures import Field, Image
 
 MIXTURE = {"street": 0.35, "room": 0.4, "ground": 0.1, "things": 0.15}
