@@ -66,7 +66,7 @@ def _network(options: list[str]) -> AnyNetConfig:
         name, _, value = option.partition("=")
         try:
             values[name] = json.loads(value)
-        except json.JSONDecodeError:
+        except (ValueError, RecursionError):  # also of numbers too long for Python
             raise AnyNetError(f"--network: expected NAME=VALUE like channels=2, got {option!r}") from None
     return network_of(values)
 

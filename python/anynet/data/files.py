@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from anynet.errors import AnyNetError
 from anynet.io import read_calibration, read_disparity, read_pair
+from anynet.io.files import read_text
 from anynet.io.images import open_image
 from anynet.samples import Dataset, StereoSample
 
@@ -62,7 +63,15 @@ class PairFiles(Dataset):
         if files.depth:
             assert files.calibration is not None
             calibration = read_calibration(files.calibration)
-            disparity = np.float32(calibration.focal * calibration.baseline) / disparity - np.float32(calibration.doffs)
+            if calibration.size and calibration.size != shape[::-1]:
+                expected = " x ".join(map(str, calibration.size))
+                raise AnyNetError(
+                    f"{files.left}: expected an image of {expected} as {files.calibration} says, "
+                    f"got {shape[1]} x {shape[0]}"
+                )
+            with np.errstate(divide="ignore"):  # a depth of 0 is unknown
+                disparity = np.float32(calibration.focal * calibration.baseline) / disparity
+            disparity = np.where(disparity > 0, disparity - np.float32(calibration.doffs), np.float32(np.nan))
         valid = np.isfinite(disparity)
         return StereoSample(
             left=left,
@@ -137,4 +146,4 @@ def names_in(split: str | Path, root: Path) -> list[str]:
     path = first_existing((root / split, Path(split)))
     if path is None:
         raise AnyNetError(f"{split}: no such split file, neither in {root} nor in the working folder")
-    return [line.split()[0] for line in path.read_text().splitlines() if line.strip()]
+    return [line.split()[0] for line in read_text(path).splitlines() if line.strip()]

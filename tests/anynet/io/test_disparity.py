@@ -107,7 +107,7 @@ def test_unsuitable_numpy_files(tmp_path: Path) -> None:
         "two.npz": "expected one array, got",
         "three.npy": r"expected numbers of shape \[H, W\], got float64 \[2, 3, 4\]",
         "complex.npy": "got complex128",
-        "objects.npy": "not a NumPy file of plain numbers",
+        "objects.npy": r"expected numbers of shape \[H, W\], got object",
         "text.npy": "not a NumPy file of plain numbers",
         "text.npz": "not a NumPy file of plain numbers",
     }
