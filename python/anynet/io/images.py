@@ -171,22 +171,22 @@ def _levels(path: str | Path) -> Levels:
             return np.asarray(image).astype(np.uint16)
         if image.mode in ("I", "F"):
             raise AnyNetError(f"{path}: expected an image of 8 or 16 bits per channel, got 32 bits (mode {image.mode})")
-        if deep_color:
-            levels = _deep_color(data, orientation)
-            if levels is not None and levels.shape[:2] == (image.height, image.width):
-                return levels
-        return np.array(image.convert("RGB"))
+        rgb = np.array(image.convert("RGB"))
+        return _deep_color(data, orientation, rgb) if deep_color else rgb
 
 
-def _deep_color(data: bytes, orientation: int) -> npt.NDArray[np.uint16] | None:
-    """16-bit RGB [H, W, 3] of an image that Pillow has found to be sound."""
+def _deep_color(data: bytes, orientation: int, rgb: npt.NDArray[np.uint8]) -> Levels:
+    """All 16 bits of the RGB image of whose levels Pillow gives the upper 8; these alone, if OpenCV has others."""
     stored: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if stored is None or stored.dtype != np.uint16 or stored.ndim != 3 or stored.shape[2] < 3:
-        return None
+        return rgb
     channels = [Image.fromarray(np.ascontiguousarray(stored[..., channel])) for channel in (2, 1, 0)]
-    if orientation in _UPRIGHT:
-        channels = [channel.transpose(_UPRIGHT[orientation]) for channel in channels]
-    return np.dstack([np.asarray(channel) for channel in channels])
+    turned = [channel.transpose(_UPRIGHT[orientation]) for channel in channels] if orientation in _UPRIGHT else []
+    for candidate in (channels, turned):  # OpenCV turns some files, and some not
+        levels: Levels = np.dstack([np.asarray(channel) for channel in candidate]) if candidate else rgb[:0]
+        if levels.shape == rgb.shape and np.array_equal(levels >> 8, rgb):
+            return levels
+    return rgb
 
 
 def _ppm_levels(path: str | Path, data: bytes, image: ImageFile.ImageFile) -> Levels:
