@@ -22,9 +22,8 @@ from torch import Tensor
 from anynet.checkpoint import load_checkpoint
 from anynet.errors import AnyNetError
 from anynet.model.deploy import DeployedAnyNet
-from anynet.scheduler import LatencyTable
+from anynet.scheduler import MAX_THREADS, LatencyTable
 
-THREADS = 256  # at most: starting many more ends the process
 EXIT_TIMEOUT = 60.0  # seconds that frames under way may take when the interpreter exits
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 
@@ -64,8 +63,8 @@ class Predictor:
         threads: int | None = None,
         input_scale: float | None = None,
     ) -> None:
-        if threads is not None and (type(threads) is not int or not 1 <= threads <= THREADS):
-            raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {THREADS}, got {threads!r}")
+        if threads is not None and (type(threads) is not int or not 1 <= threads <= MAX_THREADS):
+            raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
         self._network = DeployedAnyNet(load_checkpoint(weights, input_scale))
         self.config = self._network.config
         self.threads = threads
