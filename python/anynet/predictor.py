@@ -19,6 +19,7 @@ from torch import Tensor
 from anynet.checkpoint import load_checkpoint
 from anynet.errors import AnyNetError
 from anynet.inference import InferenceGraph
+from anynet.shutdown import computing
 
 INPUT_SCALES = 1 / 16, 4.0  # smallest and largest
 
@@ -171,7 +172,7 @@ class Predictor:
         if threads != before:
             torch.set_num_threads(threads)
         try:
-            with torch.inference_mode():
+            with computing(), torch.inference_mode():
                 yield threads
         finally:
             if threads != before:
