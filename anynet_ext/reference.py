@@ -151,12 +151,12 @@ def stem(
     scale: Tensor,
     shift: Tensor,
     *,
-    enlargement: int = 1,
+    input_scale: int = 1,
     multiple: int = 4,
 ) -> Tensor:
     """relu(scale * max_pool(conv(relu(conv(enlarged images - mean)))) + shift)"""
     x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
-    x = F.interpolate(x, scale_factor=enlargement, mode="bilinear")
+    x = F.interpolate(x, scale_factor=input_scale, mode="bilinear")
     x = F.pad(x, (0, -x.shape[3] % multiple, 0, -x.shape[2] % multiple), mode="replicate")
     x = F.relu(F.conv2d(x, weight_first, bias_first, padding=1))
     return max_pool(F.conv2d(x, weight_second, padding=1, stride=2), scale, shift)
@@ -184,7 +184,7 @@ def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) ->
     return _affine_relu(input + F.interpolate(coarse, input.shape[2:], mode="trilinear"), scale, shift)
 
 
-def activated_cost_volume(
+def cost_volume_affine_relu(
     left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
 ) -> Tensor:
     """relu(scale * cost_volume + shift), pair n with those at n % len(scale)"""
@@ -198,12 +198,12 @@ def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     return _affine_relu(F.max_pool2d(input, 2), scale, shift)
 
 
-def normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     """spatial_propagation with gates / (sum of the absolute values of each pixel's three + 1e-8)"""
     return spatial_propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
 
 
-def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
+def fill_occlusions(disparity: Tensor, pixel: float) -> Tensor:
     """What lands outside the right image takes its right neighbour's disparity; what lands behind others, its left's"""
     lands = torch.arange(disparity.shape[-1], device=disparity.device) - disparity / pixel
     leftmost = lands.flip(-1).cummin(-1).values.flip(-1)
@@ -214,7 +214,7 @@ def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
     return disparity
 
 
-def update_picture(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
+def candidate_costs(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
     """[groups' costs of the residuals, of the nearest and of the farthest within the radius; left; their offsets]"""
     left, right = features.view(2, groups, -1, *features.shape[2:]).unbind()
     window = 2 * radius + 1
@@ -242,7 +242,7 @@ def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
     return F.pixel_shuffle((weights * around).sum(2), 2)
 
 
-def small_image(
+def read_image(
     image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int, *, block: int = 1
 ) -> Tensor:
     """pixel_unshuffle((bilinear(image / factor) - mean) / std, block), cut to height x width"""

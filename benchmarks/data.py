@@ -15,7 +15,7 @@ import numpy as np
 
 from anynet.data.augment import augment
 from anynet.data.rendered import RenderedFolder, write_rendered
-from anynet.render import MIXTURE, PRESETS, render
+from anynet.synthetic import MIXTURE, PRESETS, render
 
 SIZE, CROP, SCENES = (384, 768), (256, 512), 8
 

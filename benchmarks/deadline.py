@@ -3,7 +3,7 @@
 python benchmarks/deadline.py [--weights W] [--frames 1000] [--threads 2] [--json FILE]
 
 Counts a frame as late when `Predictor.predict(..., budget_ms=T)` returns later than T + 2 ms, seen from outside. The
-first frames are not left out: the latencies are learnt from them. Budgets shorter than the first stage, which is
+first frames are not left out: the latencies are learned from them. Budgets shorter than the first stage, which is
 always computed, are drawn too.
 """
 

@@ -2,11 +2,11 @@
 
 python benchmarks/pipeline.py [--weights W] [--threads 2] [--json FILE] [--plot FILE] [--sizes]
 
-Peers, each with its best settings, on the same 1x3x368x1232 pair. They get normalised float tensors, while ours starts
+Peers, each with its best settings, on the same 1x3x368x1232 pair. They get normalized float tensors, while ours starts
 from bytes:
 * eager: the same network on PyTorch's own operators, inference mode;
 * compiled: that through torch.compile, weights frozen (stages 1 to 3: the fourth scans column by column);
-* onnxruntime: that exported to ONNX, all graph optimisations, sequential execution;
+* onnxruntime: that exported to ONNX, all graph optimizations, sequential execution;
 * openvino: the same ONNX file, latency hint;
 * OpenCV's StereoBM and StereoSGBM, 192 disparities.
 All take turns, so that a machine whose speed drifts is the same for all. Times are medians of one call in milliseconds,
@@ -123,11 +123,11 @@ def peers(weights: str, threads: int, console: Console) -> Iterator[dict[str, Ca
         path = f"{folder}/three_stages.onnx"
         torch.onnx.export(plain, tensors, path, dynamo=True, optimize=True, verbose=False)
         calls |= _onnx_peers(path, tensors, threads, check)
-        grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
+        gray = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
         matcher = cv2.StereoBM.create(numDisparities=192, blockSize=15)
-        calls["OpenCV StereoBM"] = lambda: matcher.compute(*grey)
+        calls["OpenCV StereoBM"] = lambda: matcher.compute(*gray)
         semi_global = cv2.StereoSGBM.create(minDisparity=0, numDisparities=192, blockSize=5, P1=200, P2=800)
-        calls["OpenCV StereoSGBM"] = lambda: semi_global.compute(*grey)
+        calls["OpenCV StereoSGBM"] = lambda: semi_global.compute(*gray)
         yield calls
 
 

@@ -83,7 +83,7 @@ class _Update:
     radius: int
 
     def __call__(self, features: Tensor, disparity: Tensor) -> Tensor:
-        picture = _ops.update_picture.default(features, disparity, self.groups, *self.span, self.radius)
+        picture = _ops.candidate_costs.default(features, disparity, self.groups, *self.span, self.radius)
         cost = run(self.layers, picture)
         out: Tensor = _ops.expected_disparity.default(cost, disparity, picture[:, -2:], self.span[0])
         return out
@@ -269,7 +269,7 @@ class InferenceGraph:
         of_left, of_right = _grouped(features, groups)
         if disparity is not None:
             disparity = disparity.expand(groups, -1, -1, -1)
-        out: Tensor = _ops.activated_cost_volume.default(of_left, of_right, disparity, first, last, *affine)
+        out: Tensor = _ops.cost_volume_affine_relu.default(of_left, of_right, disparity, first, last, *affine)
         return out[None]
 
     def _encode(self, left: Tensor, right: Tensor) -> list[Tensor]:
@@ -304,13 +304,13 @@ class InferenceGraph:
         finest = self.config.finest
 
         def small(image: Tensor, factor: int = finest, block: int = 1) -> Tensor:
-            out: Tensor = _ops.small_image.default(image, self._mean, self._std, factor, block, height, width)
+            out: Tensor = _ops.read_image.default(image, self._mean, self._std, factor, block, height, width)
             return out
 
         image = small(left)
         picture = small(left, finest // 2, 2) if self._upsampling is not None else image
         if self.config.spn_fill:
-            disparity = _ops.fill_hidden.default(disparity, finest)
+            disparity = _ops.fill_occlusions.default(disparity, finest)
         if self.config.spn_mismatch:
             picture = torch.cat([picture, *mismatch(image, small(right), disparity / finest)], 1)
         guide = run(self._guidance, picture)
@@ -318,7 +318,7 @@ class InferenceGraph:
         scans = []
         for layer, direction in zip(self._gates, self.config.spn_directions, strict=True):
             gates = layer(guide).view(1, 3, -1, height, width)
-            scans.append(_ops.normalised_propagation.default(x, gates, direction))
+            scans.append(_ops.normalized_propagation.default(x, gates, direction))
         out = self._reduce(combined(scans, self.config.spn_combine))
         if self._upsampling is not None:
             out = _ops.convex_upsampling.default(out, self._upsampling(guide))

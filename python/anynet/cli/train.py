@@ -30,7 +30,7 @@ def _command(name: str, default: str, summary: str) -> Callable[..., None]:
             options["network"] = _network(options["network"])
         options = {option: tuple(v) if isinstance(v, list) else v for option, v in options.items()}
         if resume and (out / RECIPE).exists():
-            recipe = replace(Recipe.from_json((out / RECIPE).read_text()), **options)
+            recipe = replace(Recipe.load(out / RECIPE), **options)
         else:
             recipe = preset(start, **options)
         print(train(recipe, out, resume=resume))

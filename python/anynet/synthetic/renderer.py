@@ -1,49 +1,35 @@
-"""Draws a scene for both eyes, with exact disparities and occlusions."""
+"""Draws a scene for both cameras, with exact disparities and occlusions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from anynet.data.sample import StereoSample
-from anynet.render.objects import Scene
-from anynet.render.scenes import MAX_DISPARITY, PRESETS
-from anynet.render.sensor import photograph
-from anynet.render.surfaces import Window
-from anynet.render.textures import Field, Image
+from anynet.samples import MAX_DISPARITY, RenderedSample
+from anynet.synthetic.geometry import Window
+from anynet.synthetic.scene import Scene
+from anynet.synthetic.scenes import PRESETS
+from anynet.synthetic.sensor import photograph
+from anynet.synthetic.textures import Field, Image
 
 MIXTURE = {"street": 0.35, "room": 0.4, "ground": 0.1, "things": 0.15}
 
 
-@dataclass(frozen=True, kw_only=True)
-class RenderedSample(StereoSample):
-    """A pair with dense ground truth for both views.
-
-    disparity, right_disparity: float32 [H, W], pixels, the nearest surface that is more opaque than not.
-    occluded, right_occluded: bool [H, W], what the other eye does not see (outside its image included).
-    """
-
-    right_disparity: Field
-    occluded: NDArray[np.bool_]
-    right_occluded: NDArray[np.bool_]
-
-
-def draw(scene: Scene, eye: int) -> tuple[Image, Field]:
-    """One view's image and disparity. Geometry from front to back, to find out what is hidden; colour the other way."""
+def draw(scene: Scene, view: int) -> tuple[Image, Field]:
+    """One view's image and disparity. Geometry from front to back, to find out what is hidden; color the other way."""
     camera = scene.camera
     shape = camera.height, camera.width
     solid = np.zeros(shape, np.float32)  # disparity of the nearest fully opaque surface
     fragments = []
     for surface in sorted(scene.surfaces, key=lambda s: s.depth):
         hull = surface.hull
-        window = camera.window(hull, eye)
+        window = camera.window(hull, view)
         if window is None or camera.focal / hull[:, 2].min() < solid[window.slices].min():
             continue
-        fragment = surface.cast(camera, eye, window)
+        fragment = surface.cast(camera, view, window)
         if fragment is None:
             continue
         part = window.slices
@@ -59,12 +45,12 @@ def draw(scene: Scene, eye: int) -> tuple[Image, Field]:
         disparity, behind, target = fragment.disparity[part], nearest[box.slices], image[box.slices]
         front = cv2.compare(disparity, cv2.max(behind, solid[box.slices]), cv2.CMP_GE)
         cover = cv2.bitwise_and(fragment.coverage[part], front)
-        colour = fragment.paint(box)
+        color = fragment.paint(box)
         partial = cv2.inRange(cover, 1, 254)
         if cv2.hasNonZero(partial):
             share = cover.astype(np.float32) * np.float32(1 / 255)
-            cv2.copyTo(cv2.blendLinear(colour, target, share, 1 - share), partial, target)
-        cv2.copyTo(colour, cv2.inRange(cover, 255, 255), target)
+            cv2.copyTo(cv2.blendLinear(color, target, share, 1 - share), partial, target)
+        cv2.copyTo(color, cv2.inRange(cover, 255, 255), target)
         cv2.copyTo(disparity, cv2.inRange(cover, 128, 255), behind)
     return image, nearest
 

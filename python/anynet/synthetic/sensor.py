@@ -1,4 +1,4 @@
-"""What two real cameras do to a scene: exposure, colour, lens blur, noise, and a little misalignment between them."""
+"""What two real cameras do to a scene: exposure, color, lens blur, noise, and a little misalignment between them."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import functools
 import cv2
 import numpy as np
 
-from anynet.render.textures import Image, Rng
+from anynet.synthetic.textures import Image, Rng
 
 GRAIN = 32  # one standard deviation in the stored noise
 
 
 @functools.cache
 def _grain() -> Image:
-    """Coloured noise of standard deviation GRAIN around 128, from which views cut random windows."""
+    """Colored noise of standard deviation GRAIN around 128, from which views cut random windows."""
     rng = np.random.default_rng(300)
     noise = rng.standard_normal((1024, 1536, 3), np.float32)
     noise = 0.7 * noise + 0.7 * rng.standard_normal((1024, 1536, 1), np.float32)

@@ -1,4 +1,4 @@
-"""What every data set hands out."""
+"""What every data set hands out, and what the renderer makes."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
+
+MAX_DISPARITY = 192.0  # pixels; larger ones neither train nor count in an evaluation
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,19 @@ class StereoSample:
     noc: NDArray[np.bool_] | None = None
     foreground: NDArray[np.bool_] | None = None
     name: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderedSample(StereoSample):
+    """A pair with dense ground truth for both views.
+
+    disparity, right_disparity: float32 [H, W], pixels, the nearest surface that is more opaque than not.
+    occluded, right_occluded: bool [H, W], what the other view does not show (outside its image included).
+    """
+
+    right_disparity: NDArray[np.float32]
+    occluded: NDArray[np.bool_]
+    right_occluded: NDArray[np.bool_]
 
 
 class Dataset(Sequence[StereoSample]):
