@@ -1,0 +1,177 @@
+"""From a source's frames to results: the newest frame wins, nothing queues."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from anynet.errors import AnyNetError
+from anynet.predictor import Estimate, Predictor
+from anynet.streams.source import Frame, Image, Source
+from anynet.worker import Worker
+
+_POLL = 0.1  # seconds until a stop is noticed
+_REMEMBERED = 10_000  # latencies; a stream may run for weeks
+
+
+@dataclass(frozen=True)
+class Result:
+    """A frame, rectified, and the best estimate that there was time for."""
+
+    frame: Frame
+    estimate: Estimate
+
+
+class Statistics:
+    """What happened to the frames."""
+
+    def __init__(self) -> None:
+        self.read = 0
+        self.frames = 0
+        self._stages: Counter[int] = Counter()
+        self._latencies: deque[float] = deque(maxlen=_REMEMBERED)
+        self._first = self._last = 0.0
+
+    def arrived(self, at: float) -> None:
+        self._first = self._first or at
+        self.read += 1
+
+    def done(self, result: Result, arrived: float) -> None:
+        self._last = perf_counter()
+        self.frames += 1
+        self._stages[result.estimate.stage] += 1
+        self._latencies.append(1e3 * (self._last - arrived))
+
+    def summary(self) -> dict[str, Any]:
+        """Numbers of frames with a result and dropped ones, results per second, milliseconds from a frame's arrival
+        until its results were written (median, 95th percentile, maximum; of the last 10,000), frames by last stage."""
+        latency = None
+        if self._latencies:
+            values = np.percentile(self._latencies, (50, 95, 100))
+            latency = {name: round(float(value), 3) for name, value in zip(("p50", "p95", "max"), values, strict=True)}
+        seconds = self._last - self._first
+        return {
+            "frames": self.frames,
+            "dropped": self.read - self.frames,
+            "fps": round(self.frames / seconds, 3) if self.frames and seconds > 0 else 0.0,
+            "latency_ms": latency or {"p50": None, "p95": None, "max": None},
+            "stages": {str(stage): count for stage, count in sorted(self._stages.items())},
+        }
+
+
+class Stream:
+    """Reads frames on one thread, computes the newest on another, and hands results to the caller on its own.
+
+    Args:
+        source: of the frames; recordings are played at their own pace.
+        predictor: computes them.
+        budget_ms, stage: as for `Worker`.
+        rectify: makes a rectified pair of raw images.
+        rate: frames per second at which a recording is played, in place of its own pace.
+        every_frame: a recording waits until each frame has been dealt with: slower or faster, but nothing is dropped.
+
+    Raises:
+        AnyNetError: if an option is not that.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        predictor: Predictor,
+        *,
+        budget_ms: float | None = None,
+        stage: int | None = None,
+        rectify: Callable[[Image, Image], tuple[Image, Image]] | None = None,
+        rate: float | None = None,
+        every_frame: bool = False,
+    ) -> None:
+        if every_frame and source.live:
+            raise AnyNetError("every frame of a live source cannot be kept: it does not wait")
+        self.statistics = Statistics()
+        self._source = source
+        self._rectify = rectify
+        self._rate = rate
+        self._every_frame = every_frame
+        self._worker = Worker(predictor, budget_ms=budget_ms, stage=stage, preempt=not every_frame)
+        self._stopped = threading.Event()
+        self._read_all = threading.Event()
+        self._dealt_with = threading.Semaphore(0)
+        self._last = 0  # number of the last frame submitted
+        self._error: BaseException | None = None
+
+    def stop(self) -> None:
+        """Ends `results` soon. May be called from any thread and from signal handlers."""
+        self._stopped.set()
+
+    def results(self) -> Iterator[Result]:
+        """The results as they come. While the caller deals with one, newer frames are computed.
+
+        Raises:
+            AnyNetError: when the source fails or lies, after the results of the frames before.
+        """
+        thread = threading.Thread(target=self._read, name="anynet-stream", daemon=True)
+        thread.start()
+        try:
+            yield from self._results()
+        finally:
+            self.stop()
+            self._source.close()
+            self._dealt_with.release()
+            self._worker.close()
+            thread.join()
+        if self._error is not None:
+            raise self._error
+
+    def _results(self) -> Iterator[Result]:
+        ended = 0
+        while not self._stopped.is_set() and not (self._read_all.is_set() and ended == self._last):
+            latest = self._worker.result(_POLL)
+            if latest is None:
+                continue
+            ended = latest.frame
+            frame, arrived = latest.stamp
+            result = Result(frame, Estimate(latest.stage, latest.disparity, latest.elapsed_ms))
+            yield result
+            self.statistics.done(result, arrived)
+            self._dealt_with.release()
+
+    def _read(self) -> None:
+        try:
+            frames = self._source.frames()
+            for frame in self._checked(frames):
+                arrived = perf_counter()
+                self.statistics.arrived(arrived)
+                if self._rectify is not None:
+                    left, right = self._rectify(frame.left, frame.right)
+                    frame = replace(frame, left=left, right=right)
+                self._last = self._worker.submit(frame.left, frame.right, stamp=(frame, arrived))
+                if self._every_frame:
+                    self._dealt_with.acquire()
+                if self._stopped.is_set():
+                    break
+        except BaseException as error:
+            if not self._stopped.is_set():
+                self._error = error
+        finally:
+            self._read_all.set()
+
+    def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
+        """The frames in time, as long as they have one size."""
+        begin, size = time.monotonic(), None
+        for index, frame in enumerate(frames):
+            size = size or frame.left.shape[:2]
+            if frame.left.shape[:2] != size:
+                sizes = [f"{width} x {height}" for height, width in (size, frame.left.shape[:2])]
+                raise AnyNetError(f"frame {frame.name}: expected {sizes[0]} as the frames before, got {sizes[1]}")
+            if not self._source.live and not self._every_frame:
+                due = begin + (index / self._rate if self._rate else frame.time)
+                if self._stopped.wait(max(0.0, due - time.monotonic())):
+                    return
+            yield frame
