@@ -6,7 +6,7 @@ types are computed in float32 and rounded once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 import torch.nn.functional as F
@@ -203,34 +203,48 @@ def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tens
     return spatial_propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
 
 
-def fill_occlusions(disparity: Tensor, pixel: float) -> Tensor:
-    """What lands outside the right image takes its right neighbour's disparity; what lands behind others, its left's"""
-    lands = torch.arange(disparity.shape[-1], device=disparity.device) - disparity / pixel
-    leftmost = lands.flip(-1).cummin(-1).values.flip(-1)
-    outside, behind = (-lands / 2).clamp(0, 1), ((lands - leftmost - 0.5) / 2).clamp(0, 1)
+def fill_occlusions(
+    disparity: Tensor, pixel: float, *, propagation: Callable[..., Tensor] = spatial_propagation
+) -> Tensor:
+    """What lands outside the right image takes its right neighbor's disparity; what lands behind others, its left's"""
+    with torch.no_grad():
+        lands = torch.arange(disparity.shape[-1], dtype=disparity.dtype, device=disparity.device) - disparity / pixel
+        leftmost = lands.flip(-1).cummin(-1).values.flip(-1)
+        outside, behind = (-lands / 2).clamp(0, 1), ((lands - leftmost - 0.5) / 2).clamp(0, 1)
     for mask, direction in ((outside, 1), (behind * (1 - outside), 0)):
-        gates = F.pad(mask[:, None].detach(), (0, 0, 0, 0, 0, 0, 1, 1))  # only the neighbour in the same row
-        disparity = spatial_propagation(disparity, gates, direction)
+        gates = F.pad(mask[:, None], (0, 0, 0, 0, 0, 0, 1, 1))  # only the neighbor in the same row
+        disparity = propagation(disparity, gates, direction)
     return disparity
 
 
-def candidate_costs(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
+def candidate_costs(
+    features: Tensor,
+    disparity: Tensor,
+    groups: int,
+    first: int,
+    last: int,
+    radius: int,
+    *,
+    volume: Callable[..., Tensor] = cost_volume,
+) -> Tensor:
     """[groups' costs of the residuals, of the nearest and of the farthest within the radius; left; their offsets]"""
-    left, right = features.view(2, groups, -1, *features.shape[2:]).unbind()
+    left, right = features.view(2, -1, features.shape[1] // groups, *features.shape[2:]).unbind()
     window = 2 * radius + 1
-    near, far = (sign * F.max_pool2d(sign * disparity, window, 1, radius) for sign in (1, -1))
+    near, far = F.max_pool2d(disparity, window, 1, radius), -F.max_pool2d(-disparity, window, 1, radius)
+    n, _, h, w = disparity.shape
     costs = [
-        cost_volume(left, right, at.expand(groups, -1, -1, -1), *span).flatten(0, 1)
+        volume(left, right, at.repeat_interleave(groups, 0), *span).view(n, -1, h, w)
         for at, span in ((disparity, (first, last)), (near, (0, 0)), (far, (0, 0)))
     ]
-    return torch.cat([*costs, features[0], (near - disparity)[0], (far - disparity)[0]])[None]
+    return torch.cat([*costs, features[:n], near - disparity, far - disparity], 1)
 
 
 def expected_disparity(cost: Tensor, disparity: Tensor, offsets: Tensor, first: int) -> Tensor:
     """disparity + sum of softmax(-cost) * [first, first + 1, ..., offsets]"""
-    steps = torch.arange(first, first + cost.shape[1] - 2, dtype=cost.dtype)[:, None, None]
-    residuals = torch.cat([steps.expand(-1, *cost.shape[2:])[None], offsets], 1)
-    return disparity + ((-cost).softmax(1) * residuals).sum(1, keepdim=True)
+    probability = (-cost).softmax(1)
+    steps = torch.arange(first, first + cost.shape[1] - 2, dtype=cost.dtype, device=cost.device)
+    out = (probability[:, :-2] * steps.view(-1, 1, 1)).sum(1, keepdim=True)
+    return disparity + (out + probability[:, -2:-1] * offsets[:, :1] + probability[:, -1:] * offsets[:, 1:])
 
 
 def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:

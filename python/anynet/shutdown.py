@@ -12,6 +12,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+TIMEOUT = 60.0  # seconds that computations under way may take
+
 
 class _Gate:
     def __init__(self) -> None:
@@ -33,7 +35,7 @@ class _Gate:
     def close(self) -> None:
         with self._changed:
             self._closed = True
-            self._changed.wait_for(lambda: self._inside == 0)
+            self._changed.wait_for(lambda: self._inside == 0, TIMEOUT)
 
 
 _gate = _Gate()

@@ -6,6 +6,7 @@ import atexit
 import math
 import os
 import threading
+from collections import defaultdict
 from dataclasses import dataclass
 from numbers import Integral, Real
 from time import perf_counter
@@ -17,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anynet.errors import AnyNetError
-from anynet.predictor import Estimate, Predictor, _Latency, check_images
+from anynet.predictor import Estimate, Predictor, check_images
+from anynet.scheduler import Latency
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,8 @@ class _Loop:
         self._latest: tuple[_Frame, Estimate] | None = None
         self._ended: tuple[_Frame, Estimate] | None = None
         self._error: BaseException | None = None
-        self._latencies = _Latencies()
+        self._shape: tuple[int, ...] = ()
+        self._latencies: defaultdict[int, Latency] = defaultdict(Latency)
 
     def submit(self, images: _Images, stamp: Any, now: float) -> int:
         with self._changed:
@@ -251,14 +254,12 @@ class _Loop:
         return True
 
     def _compute(self, frame: _Frame, images: _Images) -> None:
-        latencies = self._latencies
-        latencies.of(images[0].shape)
-        begin = perf_counter()
-        remaining_ms = self._budget_ms
+        if images[0].shape != self._shape:  # what was learnt holds for one size
+            self._shape, self._latencies = images[0].shape, defaultdict(Latency)
+        begin = start = perf_counter()
         for estimate in self._predictor.stages(*images):
             end = perf_counter()
-            latencies.measured(estimate.stage, end - begin)
-            remaining_ms -= 1e3 * (end - begin)
+            self._latencies[estimate.stage].measured(end - begin)
             begin = end
             with self._changed:
                 cancelled = frame.number <= self._cancelled
@@ -266,39 +267,16 @@ class _Loop:
                     self._latest = frame, estimate
                 if cancelled or estimate.stage >= self._stage or (self._preempt and self._waiting is not None):
                     return
-            if not latencies.fits(estimate.stage + 1, remaining_ms, self._budget_ms - remaining_ms):
+            following = self._latencies[estimate.stage + 1]
+            elapsed = end - start
+            if 1e3 * (elapsed + following.expected(unknown=elapsed)) > self._budget_ms:
+                following.skipped()
                 return
 
 
 def _aged(frame: _Frame, estimate: Estimate) -> Latest:
     age_ms = 1e3 * (perf_counter() - frame.submitted)
     return Latest(estimate.stage, estimate.disparity, estimate.elapsed_ms, frame.number, frame.stamp, age_ms)
-
-
-class _Latencies:
-    """What the stages of frames of one size lately took."""
-
-    def __init__(self) -> None:
-        self._shape: tuple[int, ...] = ()
-        self._stages: dict[int, _Latency] = {}
-
-    def of(self, shape: tuple[int, ...]) -> None:
-        """Forgets frames of another size."""
-        if shape != self._shape:
-            self._shape, self._stages = shape, {}
-
-    def measured(self, stage: int, seconds: float) -> None:
-        self._stages.setdefault(stage, _Latency()).measured(seconds)
-
-    def fits(self, stage: int, remaining_ms: float, elapsed_ms: float) -> bool:
-        """Whether the stage will end within that time; one never seen is taken to need as much as all before it."""
-        if remaining_ms == math.inf:
-            return True
-        latency = self._stages.setdefault(stage, _Latency())
-        fits = 1e3 * latency.expected(unknown=elapsed_ms / 1e3) <= remaining_ms
-        if not fits:
-            latency.skipped()
-        return fits
 
 
 _loops: WeakSet[_Loop] = WeakSet()

@@ -120,7 +120,7 @@ def predict(
 
     from anynet import Predictor  # takes seconds, so after the cheap checks
 
-    predictor = Predictor(weights, threads, input_scale)
+    predictor = Predictor(weights, threads=threads, input_scale=input_scale)
     if stage is not None and stage > predictor.config.stages:
         raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
     failed = 0

@@ -12,7 +12,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
-from anynet.network import track
+from anynet.model.layers import track
 
 
 @dataclass(frozen=True)

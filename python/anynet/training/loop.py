@@ -18,12 +18,13 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from anynet.checkpoint import load_checkpoint, save_checkpoint
+from anynet.checkpoint import load_checkpoint, load_partial, save_checkpoint
 from anynet.data import StereoSample, open_datasets
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
 from anynet.io.files import make_folder, write_atomically
-from anynet.network import MEAN, STD, AnyNet
+from anynet.model.anynet import AnyNet
+from anynet.model.config import MEAN, STD
 from anynet.predictor import Predictor
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes, process_group, synchronize_batch_norm
@@ -119,8 +120,10 @@ class _Run:
         self.steps = recipe.length(len(data))
         torch.manual_seed(recipe.seed)
         if recipe.weights is not None:
-            into = recipe.network if recipe.load_partial else None
-            self.model = load_checkpoint(recipe.weights, recipe.input_scale, into=into)
+            if recipe.load_partial:
+                self.model = load_partial(recipe.weights, recipe.network)
+            else:
+                self.model = load_checkpoint(recipe.weights, recipe.input_scale)
         else:
             self.model = AnyNet(recipe.network)
         self.model.to(group.device).train()

@@ -9,8 +9,9 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
+from anynet.model import presets
+from anynet.model.config import AnyNetConfig, as_tuples
 
 Schedule = Literal["constant", "step", "cosine"]
 
@@ -30,9 +31,9 @@ class Recipe:
     data: tuple[str, ...] = _option((), "Training data, KIND:ROOT[?OPTION=VALUE&...]; several are joined.")
     validation: tuple[str, ...] = _option((), "Data to measure on while training, KIND:ROOT[?OPTION=VALUE&...].")
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
-    input_scale: int | None = _option(None, "2: these weights on images enlarged to twice their size. 1: not enlarged.")
+    input_scale: float | None = _option(None, "Resize the images by this factor first. Default: what the weights say.")
     load_partial: bool = _option(
-        False, "Load the weights into --network, which has all their parts and others besides, which begin anew."
+        False, "Load those weights that have their place in --network; what then lacks weights begins anew."
     )
     network: AnyNetConfig = _option(AnyNetConfig(), "Shape of the network, where the weights do not tell it.")
     steps: int | None = _option(None, "Length of the run in steps of one batch.")
@@ -127,8 +128,9 @@ class Recipe:
     def load(cls, path: Path) -> Recipe:
         """The recipe in a file of `to_json`. Those of versions with other options are refused."""
         try:
-            values = {name: _tuples(value) for name, value in json.loads(path.read_text()).items()}
-            return cls(**{**values, "network": network_of(values["network"])})
+            values = json.loads(path.read_text())
+            network = AnyNetConfig.from_dict(values.pop("network"))
+            return cls(network=network, **{name: as_tuples(value) for name, value in values.items()})
         except OSError as error:
             raise AnyNetError(f"{path}: cannot be read: {error.strerror}") from None
         except (AttributeError, KeyError, TypeError, ValueError, AnyNetError) as error:
@@ -144,25 +146,9 @@ class Recipe:
                 raise AnyNetError(f"{option.name} was {old!r} when the run began, so it cannot be {new!r} on resuming")
 
 
-# The architectures that the presets train; that of the paper is the default of `Recipe.network`.
-DEFAULT = AnyNetConfig(spn_fill=True)
-LARGE = AnyNetConfig(
-    channels=4,
-    groups=4,
-    hourglass=3,
-    finer_costs=True,
-    guided=True,
-    cost_channels=(16, 24, 16),
-    ranges=((0, 11), (-3, 3), (-2, 2)),
-    neighbours=2,
-    spn_fill=True,
-    spn_mismatch=True,
-    spn_upsampling=True,
-)
-
 ENLARGED = Recipe(
     weights="large",
-    network=LARGE,
+    network=presets.large(),
     input_scale=2,
     steps=6_500,
     batch_size=3,
@@ -179,9 +165,9 @@ PRESETS: dict[str, Recipe] = {
     "paper-sceneflow": Recipe(epochs=10, learning_rate=5e-4, schedule="constant", augment=False, max_grad_norm=0.0),
     "paper-kitti": Recipe(epochs=300, learning_rate=5e-4, schedule="step", augment=False, max_grad_norm=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
-    "default": Recipe(network=DEFAULT, steps=8_000, learning_rate=2e-3, warmup_steps=100),
+    "default": Recipe(network=presets.default(), steps=8_000, learning_rate=2e-3, warmup_steps=100),
     "large": Recipe(
-        network=LARGE, steps=7_000, batch_size=4, learning_rate=2e-3, warmup_steps=100, occluded_weight=0.2
+        network=presets.large(), steps=7_000, batch_size=4, learning_rate=2e-3, warmup_steps=100, occluded_weight=0.2
     ),
     "enlarged": ENLARGED,
     "kitti": replace(ENLARGED, steps=700, warmup_steps=100),
@@ -197,17 +183,3 @@ def preset(name: str, **options: Any) -> Recipe:
     elif options.get("epochs") is not None:
         options.setdefault("steps", None)
     return replace(PRESETS[name], **options)
-
-
-def network_of(options: dict[str, Any]) -> AnyNetConfig:
-    """The configuration with the given options, as JSON holds them."""
-    names = [option.name for option in fields(AnyNetConfig)]
-    for name in options:
-        if name not in names:
-            raise AnyNetError(f"network: expected options among {', '.join(names)}, got {name!r}")
-    return AnyNetConfig(**{name: _tuples(value) for name, value in options.items()})
-
-
-def _tuples(value: Any) -> Any:
-    """JSON has lists only; recipes hold tuples, perhaps of tuples."""
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value

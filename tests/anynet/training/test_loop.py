@@ -19,9 +19,9 @@ from planes import SMALL, Planes
 from safetensors.torch import load_file
 
 from anynet.checkpoint import load_checkpoint
-from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet.network import AnyNet
+from anynet.model.anynet import AnyNet
+from anynet.model.config import AnyNetConfig, FirstStageConfig
 from anynet.training import loop
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes
@@ -222,28 +222,26 @@ def test_stages_without_weight_neither_run_nor_change(tmp_path):
     before = AnyNet().state_dict()
     after = load_file(train(replace(RECIPE, steps=2, stage_weights=(1.0, 0.5, 0.0, 0.0)), tmp_path, data=Planes(4)))
     assert all(len(line["losses"]) == 2 for line in _lines(tmp_path))
-    for part, changes in (("cost_nets.0", True), ("cost_nets.1", True), ("cost_nets.2", False), ("refinement", False)):
+    for part, changes in (
+        ("first_stage", True),
+        ("residual_stages.0", True),
+        ("residual_stages.1", False),
+        ("refinement", False),
+    ):
         same = [torch.equal(after[name], value) for name, value in before.items() if name.startswith(part)]
         assert not any(same) if changes else all(same), part
 
 
-def test_weights_grow_into_a_larger_network(tmp_path):
-    small = train(replace(RECIPE, steps=1, network=AnyNetConfig(hourglass=1)), tmp_path / "small", data=Planes(4))
-    network = AnyNetConfig(hourglass=2, finer_costs=True, guided=True)
+def test_partial_weights_begin_a_larger_network(tmp_path):
+    first = FirstStageConfig(hourglass=1)
+    small = train(replace(RECIPE, steps=1, network=AnyNetConfig(first_stage=first)), tmp_path / "small", data=Planes(4))
+    network = AnyNetConfig(first_stage=FirstStageConfig(hourglass=2, fine_costs=True, excitation=True))
     recipe = replace(RECIPE, steps=1, learning_rate=1e-9, weights=str(small), load_partial=True, network=network)
-    large = train(recipe, tmp_path / "grown", data=Planes(4))
-    grown = load_checkpoint(large)
-    assert grown.config == network
+    large = load_checkpoint(train(recipe, tmp_path / "large", data=Planes(4)))
+    assert large.config == network
     for name, value in load_file(small).items():
         if "running" not in name and "num_batches" not in name:
-            torch.testing.assert_close(grown.state_dict()[name], value, rtol=0, atol=1e-7)
-    with pytest.raises(AnyNetError, match=r"grown.*expected weights of .*; the network has no finer_costs\.conv"):
-        load_checkpoint(large, into=AnyNetConfig(hourglass=1))
-    updated = load_checkpoint(large, into=replace(network, neighbours=1))
-    for part in (updated.features, updated.cost_nets[0], updated.refinement):
-        name = next(name for name, module in updated.named_modules() if module is part)
-        for one, two in zip(part.parameters(), grown.get_submodule(name).parameters(), strict=True):
-            assert torch.equal(one, two)
+            torch.testing.assert_close(large.state_dict()[name], value, rtol=0, atol=1e-7)
 
 
 def test_nothing_to_train_on(tmp_path):

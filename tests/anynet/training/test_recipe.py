@@ -36,7 +36,7 @@ def test_warmup_and_cosine():
 
 
 def test_a_stored_recipe_is_the_same(tmp_path):
-    network = AnyNetConfig(channels=2, ranges=((0, 23), (-3, 3), (-2, 2)))
+    network = AnyNetConfig().with_options({"features.channels": 2, "first_stage.range": (0, 23)})
     recipe = replace(PRESETS["kitti"], data=("kitti2015:a", "eth3d:b"), network=network, epochs=None)
     file = tmp_path / "recipe.json"
     file.write_text(recipe.to_json())
@@ -96,12 +96,22 @@ def test_resuming_may_change_how_to_run_but_not_what_to_learn():
 def test_every_field_is_an_option(capsys, tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr("anynet.training.loop.train", lambda recipe, out, resume: asked.append(recipe) or out)
-    arguments = ["--network", "channels=2", "--stage-weights", "1", "--stage-weights", "2", "--crop-size", "64", "128"]
+    arguments = [
+        "--network",
+        "features.channels=2",
+        "--stage-weights",
+        "1",
+        "--stage-weights",
+        "2",
+        "--crop-size",
+        "64",
+        "128",
+    ]
     arguments += ["--data", "render:3", "--data", "render:4", "--no-augment", "--schedule", "constant", "--epochs", "3"]
     assert main(["train", "--out", str(tmp_path), *arguments]) == 0
     expected = replace(
         PRESETS["default"],
-        network=AnyNetConfig(channels=2),
+        network=AnyNetConfig().with_options({"features.channels": 2}),
         stage_weights=(1.0, 2.0),
         crop_size=(64, 128),
         data=("render:3", "render:4"),
