@@ -16,7 +16,7 @@ from anynet.io.files import make_folder
 if TYPE_CHECKING:
     from anynet import Estimate, Predictor
     from anynet.data import StereoSample
-    from anynet.io import Calibration
+    from anynet.camera import Calibration
 
 _RUNS = 5  # after one to warm up; the table has their medians
 
@@ -63,7 +63,7 @@ def _motorcycle() -> tuple[StereoSample, Calibration]:
     from skimage.data import stereo_motorcycle
 
     from anynet.data import StereoSample
-    from anynet.io import Calibration
+    from anynet.camera import Calibration
 
     left, right, truth = stereo_motorcycle()  # type: ignore[no-untyped-call]
     sample = StereoSample(left, right, truth, valid=np.isfinite(truth), name="Motorcycle")
@@ -78,7 +78,7 @@ def _rendered(seed: int) -> tuple[StereoSample, None]:
 
 def _own(left: Path, right: Path, truth: Path | None, calib: Path | None) -> tuple[StereoSample, Calibration | None]:
     from anynet.data import StereoSample
-    from anynet.io import read_calibration, read_disparity, read_pair
+    from anynet.io import read_disparity, read_pair
 
     images = read_pair(left, right)
     shape = images[0].shape[:2]

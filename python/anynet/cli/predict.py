@@ -21,7 +21,7 @@ from anynet.io.files import make_folder
 
 if TYPE_CHECKING:
     from anynet import Estimate, Predictor
-    from anynet.io import Calibration
+    from anynet.camera import Calibration
 
 
 class Format(str, Enum):
@@ -146,7 +146,7 @@ def predict(
 def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, Any]:
     """Computes and writes everything for one pair; returns what `--json` prints."""
     from anynet.io import read_pair, write_depth, write_disparity, write_image, write_ply
-    from anynet.rectification import check_rectified
+    from anynet.camera.check import check_rectified
     from anynet.visualize import disparity_image, limits_of
 
     with warnings.catch_warnings(record=True) as caught:
@@ -206,7 +206,7 @@ def _estimates(predictor: Predictor, left: Any, right: Any, request: Request) ->
 
 def _calibration(file: Path | None, numbers: dict[str, Any]) -> Calibration | None:
     """From a file, from numbers, or from both."""
-    from anynet.io import Calibration, read_calibration
+    from anynet.camera import Calibration, read_calibration
 
     if file is not None:
         return replace(read_calibration(file), **numbers)

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from anynet.camera import Calibration, read_calibration
 from anynet.errors import AnyNetError
-from anynet.io import read_calibration, read_disparity, read_pair
+from anynet.io import read_disparity, read_pair
 from anynet.io.images import open_image
 from anynet.samples import Dataset, StereoSample
 
@@ -61,7 +62,10 @@ class PairFiles(Dataset):
             disparity = _map(files.disparity, files.scale, shape)
         if files.depth:
             assert files.calibration is not None
-            calibration = read_calibration(files.calibration)
+            calibration = read_calibration(files.calibration, size=(shape[1], shape[0]), image=files.left)
+            if not isinstance(calibration, Calibration):
+                raise AnyNetError(f"{files.calibration}: expected a calibration of rectified images, got raw cameras")
+            calibration.check_size(shape[1], shape[0])
             disparity = np.float32(calibration.focal * calibration.baseline) / disparity - np.float32(calibration.doffs)
         valid = np.isfinite(disparity)
         return StereoSample(
