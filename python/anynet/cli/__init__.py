@@ -21,6 +21,7 @@ from anynet.errors import AnyNetError
 # name: module in this package that has a function of that name, summary
 COMMANDS = {
     "predict": ("predict", "Disparity, depth and point clouds from pairs of images."),
+    "stream": ("stream", "The same as the frames come: cameras, videos, folders, recordings."),
     "demo": ("demo", "Every stage on a real pair that comes along: times, errors, pictures."),
     "train": ("train", "Train a network from scratch."),
     "finetune": ("train", "Train weights further on other data."),

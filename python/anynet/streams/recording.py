@@ -14,11 +14,12 @@ from anynet.streams.ros import (
     CAMERA_INFO,
     COMPRESSED,
     IMAGE,
-    CameraInfo,
+    bits_of,
     calibration_of,
-    image_of,
+    levels_of,
     require_rosbags,
     stamp_of,
+    to_8_bits,
 )
 from anynet.streams.source import Frame, Source, halves
 
@@ -48,9 +49,7 @@ class Recording(Source):
         AnyNetError: if the file is no such recording, or the topics are not there or not to be told.
     """
 
-    def __init__(
-        self, path: str | Path, topics: Sequence[str] = (), split: bool = False, slop: float = 0.01
-    ) -> None:
+    def __init__(self, path: str | Path, topics: Sequence[str] = (), split: bool = False, slop: float = 0.01) -> None:
         super().__init__()
         self._path = Path(path)
         self._slop = round(1e9 * slop)
@@ -64,29 +63,27 @@ class Recording(Source):
                 raise AnyNetError(f"{path}: no image on {self.topics[counts.index(0)]}")
             seconds = reader.duration / 1e9
             self.rate = (counts[0] - 1) / seconds if seconds > 0 and counts[0] > 1 else None
-            self.infos = self._camera_infos(reader)
-        if len(self.infos) == 2:
+            infos = self._camera_infos(reader)
+        if len(infos) == 2:
             try:
-                self.calibration = calibration_of(*self.infos)
+                calibration = calibration_of(infos[0], infos[1], str(path))
             except AnyNetError as error:
-                self.warnings.append(f"{path}: {error}")
-
-    @property
-    def rectified(self) -> bool:
-        """Whether the images look rectified already: by the topics' names, else by their camera_info."""
-        if any("rect" in re.split(r"[/_]", topic) for topic in self.topics) or len(self.infos) < 2:
-            return True
-        return all(not info.d.any() and abs(info.r - [[1, 0, 0], [0, 1, 0], [0, 0, 1]]).max() < 1e-6 for info in self.infos)
+                self.warnings.append(str(error))
+            else:
+                rectified = any("rect" in re.split(r"[/_]", topic) for topic in self.topics)
+                self.calibration = calibration if rectified else calibration.rig or calibration
 
     def frames(self) -> Iterator[Frame]:
         with self._opened() as reader:
             wanted = [connection for connection in reader.connections if connection.topic in self.topics]
-            begin = None
+            begin, bits = None, 8
             for index, (images, recorded) in enumerate(self._pairs(reader, wanted)):
                 if self._closed:
                     return
                 names = [f"{self._path}: image {index} of {topic}" for topic in self.topics]
-                arrays = [image_of(message, name) for message, name in zip(images, names, strict=True)]
+                levels = [levels_of(message, name) for message, name in zip(images, names, strict=True)]
+                bits = max([bits, *map(bits_of, levels)])  # of both cameras alike, and without flicker
+                arrays = [to_8_bits(image, bits) for image in levels]
                 left, right = arrays if len(arrays) == 2 else halves(arrays[0], names[0])
                 if left.shape != right.shape:
                     sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (left, right))
@@ -174,26 +171,26 @@ class Recording(Source):
             return named
         if not images:
             raise AnyNetError(f"{self._path}: no topic with images")
-        found = [[topic] for topic in images] if split else _pairs_of(images)
+        seen = [topic for topic in images if not re.search("depth|disparity|mask", topic)]
+        found = [[topic] for topic in seen] if split else _pairs_of(seen)
         if len(found) > 1:  # the rectified one, in color, as few bytes as can be
             best = max(_preference(topics) for topics in found)
             found = [topics for topics in found if _preference(topics) == best]
         if len(found) != 1:
-            raise AnyNetError(f"{self._path}: cannot tell the topics of the images; name {wanted} (--topics) of {_listed(images)}")
+            raise AnyNetError(
+                f"{self._path}: cannot tell the topics of the images; name {wanted} (--topics) of {_listed(images)}"
+            )
         return found[0]
 
-    def _camera_infos(self, reader: AnyReader) -> list[CameraInfo]:
-        """Of the topics' cameras, left and right; fewer where they are not recorded."""
-        infos: list[CameraInfo] = []
+    def _camera_infos(self, reader: AnyReader) -> list[Any]:
+        """The first message of each topic's camera, left and right; fewer where they are not recorded."""
+        infos: list[Any] = []
         for topic in self.topics:
-            namespace = topic.removesuffix("/compressed").rsplit("/", 1)[0]
-            name = f"{namespace}/camera_info"
+            name = topic.removesuffix("/compressed").rsplit("/", 1)[0] + "/camera_info"
             chosen = [c for c in reader.connections if c.topic == name and c.msgtype == CAMERA_INFO]
-            if not chosen:
-                continue
-            for _, _, raw in self._told(reader.messages(connections=chosen)):
-                infos.append(CameraInfo.of(self._deserialized(reader, raw, CAMERA_INFO)))
-                break
+            if chosen:
+                first = next(self._told(reader.messages(connections=chosen)), None)
+                infos += [] if first is None else [self._deserialized(reader, first[2], CAMERA_INFO)]
         return infos
 
 
@@ -210,9 +207,9 @@ def _pairs_of(topics: list[str]) -> list[list[str]]:
     return pairs
 
 
-def _preference(topics: list[str]) -> tuple[bool, bool, bool]:
+def _preference(topics: list[str]) -> tuple[bool, ...]:
     words = set(re.split(r"[/_]", topics[0]))
-    return "rect" in words, not words & {"mono", "depth", "disparity", "mask"}, "compressed" not in words
+    return "rect" in words, "color" in words, "mono" not in words, "compressed" not in words
 
 
 def _listed(topics: list[str]) -> str:

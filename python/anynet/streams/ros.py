@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from anynet.camera import Calibration
+from anynet.camera.document import Document
+from anynet.camera.formats import ros as camera_info
+from anynet.camera.formats.found import Request
+from anynet.camera.tree import Tree
 from anynet.errors import AnyNetError
-from anynet.io import Calibration
 from anynet.streams.source import Image
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-IMAGE, COMPRESSED, CAMERA_INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
+IMAGE, COMPRESSED, CAMERA_INFO = (
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/CameraInfo",
+)
 DISPARITY, CLOUD = "stereo_msgs/msg/DisparityImage", "sensor_msgs/msg/PointCloud2"
 
 # sensor_msgs/image_encodings.h: dtype, channels, and how OpenCV makes RGB of it (None: it is)
@@ -61,10 +70,8 @@ def stamp_of(message: Any) -> int:
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
-def image_of(message: Any, where: str) -> Image:
-    """The RGB image [H, W, 3] of a sensor_msgs/Image or CompressedImage.
-
-    16-bit images are scaled so that 65535 becomes 255.
+def levels_of(message: Any, where: str) -> npt.NDArray[Any]:
+    """The RGB image [H, W, 3] of a sensor_msgs/Image or CompressedImage, uint8 or uint16.
 
     Raises:
         AnyNetError: if the encoding is not known, or the data are not what the message says.
@@ -87,60 +94,54 @@ def image_of(message: Any, where: str) -> Image:
     padded = np.zeros(step * height, np.uint8)
     data = np.asarray(message.data, np.uint8)[: step * height]
     padded[: len(data)] = data
-    pixels = np.ascontiguousarray(padded.reshape(height, step)[:, :row]).view(dtype)
+    pixels: npt.NDArray[Any] = np.ascontiguousarray(padded.reshape(height, step)[:, :row]).view(dtype)
     if dtype is np.uint16:
         if bool(message.is_bigendian) != (sys.byteorder == "big"):
             pixels = pixels.byteswap()
-        pixels = np.round(pixels / 257).astype(np.uint8)
     pixels = pixels.reshape(height, width, channels) if channels > 1 else pixels.reshape(height, width)
     try:
-        return np.asarray(pixels if code is None else cv2.cvtColor(pixels, code), np.uint8)
+        return pixels if code is None else cv2.cvtColor(pixels, code)
     except cv2.error as error:
         raise AnyNetError(f"{where}: {width} x {height} pixels of {message.encoding} make no image") from error
 
 
-@dataclass(frozen=True)
-class CameraInfo:
-    """What a sensor_msgs/CameraInfo says, alike for ROS 1 and 2. The names are the message's."""
-
-    size: tuple[int, int]
-    model: str
-    d: npt.NDArray[np.float64]
-    k: npt.NDArray[np.float64]
-    r: npt.NDArray[np.float64]
-    p: npt.NDArray[np.float64]
-
-    @staticmethod
-    def of(message: Any) -> CameraInfo:
-        def field(name: str) -> npt.NDArray[np.float64]:
-            return np.asarray(getattr(message, name, None) if hasattr(message, name) else getattr(message, name.upper()))
-
-        return CameraInfo(
-            (int(message.width), int(message.height)),
-            str(message.distortion_model),
-            field("d").astype(np.float64),
-            field("k").astype(np.float64).reshape(3, 3),
-            field("r").astype(np.float64).reshape(3, 3),
-            field("p").astype(np.float64).reshape(3, 4),
-        )
+def bits_of(levels: npt.NDArray[Any]) -> int:
+    """How many bits the levels use, among those that sensors have."""
+    return max(8, 2 * ((int(levels.max()).bit_length() + 1) // 2))
 
 
-def calibration_of(left: CameraInfo, right: CameraInfo) -> Calibration:
-    """Of the rectified images of two cameras: Tx = P[0, 3] = -focal * baseline in the right one's.
+def to_8_bits(levels: npt.NDArray[Any], bits: int) -> Image:
+    """Levels of 16 bits scaled so that 2**bits - 1 becomes 255."""
+    if levels.dtype == np.uint8:
+        return levels
+    return np.round(levels * np.float32(255 / (2**bits - 1))).clip(max=255).astype(np.uint8)
+
+
+def calibration_of(left: Any, right: Any, where: str) -> Calibration:
+    """From the sensor_msgs/CameraInfo of two cameras, with their rig if they say that the raw images are no rectified
+    pair.
 
     Raises:
         AnyNetError: if they are not calibrated.
     """
-    if not left.p[0, 0] > 0:
-        raise AnyNetError("the camera_info of the left camera has no projection matrix: it is not calibrated")
-    return Calibration(
-        focal=float(left.p[0, 0]),
-        baseline=float(left.p[0, 3] - right.p[0, 3]) / float(left.p[0, 0]),
-        cx=float(left.p[0, 2]),
-        cy=float(left.p[1, 2]),
-        doffs=float(right.p[0, 2] - left.p[0, 2]),
-        size=left.size if min(left.size) > 0 else None,
-    )
+    documents = [Document(Path(where), "json", _tree(message)) for message in (left, right)]
+    try:
+        found = camera_info.read(documents, Request())
+        if "baseline" not in found.values:
+            raise AnyNetError("P[0, 3] = -focal * baseline of the right camera is 0: was each camera calibrated alone?")
+        calibration = Calibration(**found.values)  # type: ignore[arg-type]
+        return replace(calibration, size=found.size, origin=found.origin, rig=found.rig)
+    except AnyNetError as error:
+        raise AnyNetError(f"{where}: {error}") from error
+
+
+def _tree(message: Any) -> dict[str, Tree]:
+    def numbers(name: str) -> Tree:  # ROS 1 has upper case, ROS 2 lower
+        values = getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
+        return [repr(float(value)) for value in values]
+
+    fields: dict[str, Tree] = {name: numbers(name) for name in "pkdr"}
+    return fields | {name: str(getattr(message, name)) for name in ("width", "height", "distortion_model")}
 
 
 class Messages:
@@ -223,7 +224,11 @@ class Messages:
         cx = (width - 1) / 2 if calibration.cx is None else calibration.cx
         cy = (height - 1) / 2 if calibration.cy is None else calibration.cy
         projection = np.zeros((3, 4))
-        projection[:, :3] = (calibration.focal, 0, cx + right * calibration.doffs), (0, calibration.focal, cy), (0, 0, 1)
+        projection[:, :3] = (
+            (calibration.focal, 0, cx + right * calibration.doffs),
+            (0, calibration.focal, cy),
+            (0, 0, 1),
+        )
         projection[0, 3] = -right * calibration.focal * calibration.baseline
         matrices = {"d": np.zeros(5), "k": projection[:, :3].reshape(-1), "r": np.eye(3).reshape(-1)}
         matrices["p"] = projection.reshape(-1)

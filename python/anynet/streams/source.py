@@ -10,8 +10,8 @@ from types import TracebackType
 import numpy as np
 import numpy.typing as npt
 
+from anynet.camera import Calibration, StereoRig
 from anynet.errors import AnyNetError
-from anynet.io import Calibration
 
 Image = npt.NDArray[np.uint8]  # [H, W, 3] RGB
 
@@ -42,13 +42,13 @@ class Source(ABC):
     Attributes:
         live: frames come when they are taken, and those not fetched in time are lost; otherwise they wait.
         rate: frames per second, if known.
-        calibration: what the source itself says about its cameras.
+        calibration: what the source itself says about its cameras; a rig if its images are raw.
         warnings: what the user should know about it.
     """
 
     live = False
     rate: float | None = None
-    calibration: Calibration | None = None
+    calibration: Calibration | StereoRig | None = None
 
     def __init__(self) -> None:
         self.warnings: list[str] = []
@@ -61,6 +61,7 @@ class Source(ABC):
             AnyNetError: if the source cannot be read any more, or gives what is no pair of images of one size.
         """
 
+    @abstractmethod
     def close(self) -> None:
         """Lets go of files and devices; afterwards `frames` ends."""
 

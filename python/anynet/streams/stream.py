@@ -2,31 +2,43 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+from anynet.camera import PairPreparation, PreparedPair, RowWatch
 from anynet.errors import AnyNetError
 from anynet.predictor import Estimate, Predictor
-from anynet.streams.source import Frame, Image, Source
+from anynet.streams.source import Frame, Source
 from anynet.worker import Worker
 
 _POLL = 0.1  # seconds until a stop is noticed
+_TOLD = 20  # warnings that wait to be told
 _REMEMBERED = 10_000  # latencies; a stream may run for weeks
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result:
-    """A frame, rectified, and the best estimate that there was time for."""
+    """A frame and the best estimate that there was time for.
+
+    Attributes:
+        frame: as it came.
+        pair: rectified, with its calibration.
+        estimate: NaN where the disparity is not known.
+        warnings: what looks wrong since the last result, a sentence each.
+    """
 
     frame: Frame
+    pair: PreparedPair
     estimate: Estimate
+    warnings: tuple[str, ...] = ()
 
 
 class Statistics:
@@ -72,10 +84,11 @@ class Stream:
     Args:
         source: of the frames; recordings are played at their own pace.
         predictor: computes them.
+        prepare: what is known of the cameras; default: the images are a rectified pair.
         budget_ms, stage: as for `Worker`.
-        rectify: makes a rectified pair of raw images.
         rate: frames per second at which a recording is played, in place of its own pace.
         every_frame: a recording waits until each frame has been dealt with: slower or faster, but nothing is dropped.
+        watch: look at a frame now and then, whether the cameras have moved.
 
     Raises:
         AnyNetError: if an option is not that.
@@ -86,24 +99,33 @@ class Stream:
         source: Source,
         predictor: Predictor,
         *,
+        prepare: PairPreparation | None = None,
         budget_ms: float | None = None,
         stage: int | None = None,
-        rectify: Callable[[Image, Image], tuple[Image, Image]] | None = None,
         rate: float | None = None,
         every_frame: bool = False,
+        watch: bool = True,
     ) -> None:
         if every_frame and source.live:
             raise AnyNetError("every frame of a live source cannot be kept: it does not wait")
+        if rate is not None and not 0 < rate < math.inf:
+            raise AnyNetError(f"expected a rate > 0, got {rate:g}")
         self.statistics = Statistics()
         self._source = source
-        self._rectify = rectify
+        self._predictor = predictor
+        self._prepare = prepare or PairPreparation(check=False)
         self._rate = rate
         self._every_frame = every_frame
-        self._worker = Worker(predictor, budget_ms=budget_ms, stage=stage, preempt=not every_frame)
+        self._watch = RowWatch() if watch else None
+        self._options = {"budget_ms": budget_ms, "stage": stage, "preempt": not every_frame}
+        Worker(predictor, **self._options).close()  # wrong options are told before the source is read
+        self._worker: Worker | None = None
+        self._begun = threading.Event()
         self._stopped = threading.Event()
         self._read_all = threading.Event()
         self._dealt_with = threading.Semaphore(0)
         self._last = 0  # number of the last frame submitted
+        self._warnings: deque[str] = deque(maxlen=_TOLD)
         self._error: BaseException | None = None
 
     def stop(self) -> None:
@@ -124,34 +146,40 @@ class Stream:
             self.stop()
             self._source.close()
             self._dealt_with.release()
-            self._worker.close()
             thread.join()
+            if self._worker is not None:
+                self._worker.close()
         if self._error is not None:
             raise self._error
 
     def _results(self) -> Iterator[Result]:
         ended = 0
         while not self._stopped.is_set() and not (self._read_all.is_set() and ended == self._last):
+            if self._worker is None:
+                self._begun.wait(_POLL)
+                continue
             latest = self._worker.result(_POLL)
             if latest is None:
                 continue
             ended = latest.frame
-            frame, arrived = latest.stamp
-            result = Result(frame, Estimate(latest.stage, latest.disparity, latest.elapsed_ms))
+            frame, pair, arrived = latest.stamp
+            estimate = Estimate(latest.stage, pair.known(latest.disparity), latest.elapsed_ms)
+            warnings = tuple(self._warnings.popleft() for _ in range(len(self._warnings)))
+            result = Result(frame, pair, estimate, warnings)
             yield result
             self.statistics.done(result, arrived)
             self._dealt_with.release()
 
     def _read(self) -> None:
         try:
-            frames = self._source.frames()
-            for frame in self._checked(frames):
+            for frame in self._checked(self._source.frames()):
                 arrived = perf_counter()
                 self.statistics.arrived(arrived)
-                if self._rectify is not None:
-                    left, right = self._rectify(frame.left, frame.right)
-                    frame = replace(frame, left=left, right=right)
-                self._last = self._worker.submit(frame.left, frame.right, stamp=(frame, arrived))
+                pair = self._prepared(frame)
+                if self._worker is None:
+                    self._worker = Worker(pair.predictor(self._predictor), **self._options)
+                    self._begun.set()
+                self._last = self._worker.submit(pair.left, pair.right, stamp=(frame, pair, arrived))
                 if self._every_frame:
                     self._dealt_with.acquire()
                 if self._stopped.is_set():
@@ -161,6 +189,19 @@ class Stream:
                 self._error = error
         finally:
             self._read_all.set()
+            self._begun.set()
+
+    def _prepared(self, frame: Frame) -> PreparedPair:
+        """The frame rectified; the first one is looked at closely, the others now and then."""
+        pair = self._prepare(frame.left, frame.right)
+        if self._worker is None:
+            self._prepare = self._prepare.following(pair)
+            self._warnings.extend(pair.warnings)
+            if any("unrectified" in warning for warning in pair.warnings):
+                self._watch = None  # it is told
+        elif self._watch is not None and (finding := self._watch(pair.left, pair.right)):
+            self._warnings.append(finding)
+        return pair
 
     def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
         """The frames in time, as long as they have one size."""
