@@ -1,71 +1,81 @@
-"""A cheap look at whether two images are a rectified pair, left image first."""
+"""A cheap look at whether two images are a rectified pair, left image first, that the network can work on."""
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-_LONG_SIDE = 1280  # larger images are looked at in this size: the cost stays below 0.1 s
-_SHORTEST_SIDE = 32  # a corner's descriptor needs 31 pixels
-_FEWEST = 20  # matches; with fewer nothing can be said
-_VERTICAL = 1.0  # pixels; on rectified pairs the median is 0, on pairs rotated by 1 degree at least 1.4
+from anynet.camera.matches import FEWEST, Matches, match_corners
+from anynet.camera.plausibility import MAX_DISPARITY, scale_for
+
+Image = npt.NDArray[np.uint8]
+
+ROWS = 0.5  # pixels that matched corners may lie apart (median)
+_BEYOND = 0.05  # of the matches beyond the network's reach: more than go wrong by chance
 
 
-def check_rectified(left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8]) -> list[str]:
+def check_rectified(
+    left: Image, right: Image, matches: Matches | None = None, doffs: float = 0.0, reach: float = MAX_DISPARITY
+) -> list[str]:
     """Matches some hundred corners between the images and looks where the partners lie.
 
-    In a rectified pair the partner of a left pixel lies in the same row and not farther right.
+    In a rectified pair the partner of a left pixel lies in the same row and not farther right, except by `doffs`.
 
     Args:
         left, right: uint8 [H, W, 3] RGB.
+        matches: of the pair, if they are at hand.
+        doffs: the calibration's: cx of the right camera minus cx of the left, pixels.
+        reach: the largest disparity that the network finds, pixels.
 
     Returns:
         One sentence per finding, with what was seen; empty for a good pair, and where too few corners match.
     """
-    offset = _match_offsets(left, right)
-    if len(offset) < _FEWEST:
+    if left.shape == right.shape and min(left.shape[:2]) > 1 and np.array_equal(left, right):
+        if (left != left[0, 0]).any():
+            return ["left and right are the same picture: give the two images of a pair (or halve one that has both)"]
         return []
-    findings = []
-    vertical = float(np.median(np.abs(offset[:, 1])))
-    if vertical > _VERTICAL:
-        findings.append(
-            f"the pair looks unrectified: {len(offset)} matched corners lie {vertical:.1f} rows apart (median), "
-            "expected 0"
-        )
-    moved = np.abs(offset[:, 0]) > 1
-    wrong = int(np.count_nonzero(offset[moved, 0] > 0))
-    if wrong > np.count_nonzero(moved) / 2 and wrong >= _FEWEST:
-        findings.append(
-            f"left and right look swapped: {wrong} of {np.count_nonzero(moved)} matched corners lie farther right "
-            "in the right image"
-        )
-    return findings
+    matches = match_corners(left, right) if matches is None else matches
+    if not matches.enough:
+        return []
+    return [*_rows(matches), *_swapped(matches, doffs), *_beyond(matches, reach)]
 
 
-def _match_offsets(left: npt.NDArray[np.uint8], right: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
-    """Right minus left position (x, y) of matched corners in pixels, [M, 2]."""
-    if min(left.shape[:2]) < _SHORTEST_SIDE:
-        return np.empty((0, 2))
-    scale = min(1.0, _LONG_SIDE / max(left.shape[:2]))
-    orb = cv2.ORB.create(nfeatures=1000, fastThreshold=10)
-    keypoints, descriptors = [], []
-    for image in (left, right):
-        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        if scale < 1:
-            grey = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        found, described = orb.detectAndCompute(grey, None)
-        if described is None:
-            return np.empty((0, 2))
-        keypoints.append(np.array([point.pt for point in found]))
-        descriptors.append(described)
-    candidates = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(descriptors[0], descriptors[1], k=2)
-    # Lowe's ratio test: a match counts only if the second best is clearly worse
-    pairs = [
-        (a.queryIdx, a.trainIdx) for a, b in (c for c in candidates if len(c) == 2) if a.distance < 0.75 * b.distance
+def negative_disparities(matches: Matches) -> float:
+    """How far the disparities go below 0, pixels; 0 if no more of them do than by chance."""
+    disparities = matches.disparities
+    if len(disparities) < FEWEST:
+        return 0.0
+    return max(0.0, -float(np.quantile(disparities, _BEYOND)) - 1)
+
+
+def _rows(matches: Matches) -> list[str]:
+    if matches.rows_apart <= ROWS:
+        return []
+    return [
+        f"the pair looks unrectified: {len(matches)} matched corners lie {matches.rows_apart:.1f} rows apart (median), "
+        "expected 0"
     ]
-    if not pairs:
-        return np.empty((0, 2))
-    query, train = np.array(pairs).T
-    offset: npt.NDArray[np.float64] = (keypoints[1][train] - keypoints[0][query]) / scale
-    return offset
+
+
+def _swapped(matches: Matches, doffs: float) -> list[str]:
+    offsets = matches.offsets[:, 0]
+    moved = np.abs(offsets) > 1
+    wrong = np.count_nonzero(moved & (offsets > max(0.0, doffs) + 1))
+    if wrong <= np.count_nonzero(moved) / 2 or wrong < FEWEST:
+        return []
+    return [
+        f"left and right look swapped: {wrong} of {np.count_nonzero(moved)} matched corners lie farther right "
+        "in the right image"
+    ]
+
+
+def _beyond(matches: Matches, reach: float) -> list[str]:
+    disparities = matches.disparities
+    beyond = np.count_nonzero(disparities > reach)
+    if beyond < max(FEWEST / 2, _BEYOND * len(disparities)):
+        return []
+    largest = float(np.quantile(disparities, 0.98))
+    return [
+        f"{beyond} of {len(disparities)} matched corners have disparities above {reach:g} pixels (up to "
+        f"{largest:.0f}), the most that the network finds: use --input-scale {scale_for(largest)} or less"
+    ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from anynet.camera.calibration import Calibration
 
 _LONGEST, _SHORTEST = 2.0, 2e-3  # meters of baseline: beyond, some other unit is likelier
@@ -25,19 +27,24 @@ def check_baseline(baseline: float) -> list[str]:
     return []
 
 
-def check_calibration(calibration: Calibration, width: int, height: int, input_scale: float = 1.0) -> list[str]:
+def reach_of(input_scale: float | None) -> float:
+    """The largest disparity that the networks find, pixels, when they work on images resized by this factor."""
+    return MAX_DISPARITY / min(1.0, input_scale or 1.0)  # enlarged images are searched farther
+
+
+def check_calibration(calibration: Calibration, width: int, height: int, reach: float = MAX_DISPARITY) -> list[str]:
     """What is implausible about a calibration for images of this size.
 
     Args:
         calibration: of a rectified pair.
         width, height: of the images, pixels.
-        input_scale: by which the network resizes them.
+        reach: the largest disparity that the network finds, pixels.
 
     Returns:
         One sentence per finding.
     """
     findings = []
-    focal, reach = calibration.focal, MAX_DISPARITY / input_scale
+    focal = calibration.focal
     if not _WIDEST * width < focal < _NARROWEST * max(width, height):
         findings.append(f"a focal length of {focal:g} pixels is implausible for images {width} pixels wide")
     for name, side, value in (("cx", width, calibration.cx), ("cy", height, calibration.cy)):
@@ -64,6 +71,11 @@ def check_calibration(calibration: Calibration, width: int, height: int, input_s
     if ndisp is not None and reach < ndisp < 0.9 * width:  # ETH3D's files have the width there, which says nothing
         findings.append(
             f"the scene has disparities up to {ndisp} pixels (ndisp), and the network finds those up to {reach:g}: "
-            f"use --input-scale {max(0.0625, MAX_DISPARITY / ndisp * 0.97):.2g} or less"
+            f"use --input-scale {scale_for(ndisp)} or less"
         )
     return findings
+
+
+def scale_for(disparity: float) -> float:
+    """The `input_scale`, two digits, at which the network finds disparities up to this one, pixels."""
+    return max(0.07, math.floor(95 * MAX_DISPARITY / disparity) / 100)

@@ -63,6 +63,7 @@ def _camera(document: Document) -> tuple[Camera, tuple[int, int] | None]:
     if "image_width" in fields and "image_height" in fields:
         size = size_of([fields["image_width"], fields["image_height"]], "image_width and image_height")
     bends = {**dict.fromkeys(distortion, "0"), **bends}
+    bends = {**dict.fromkeys(distortion, "0"), **bends}
     return camera(_values(outer, intrinsics), _values(bends, distortion), model), size
 
 

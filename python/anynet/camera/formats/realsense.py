@@ -52,10 +52,12 @@ def read(documents: Sequence[Document], request: Request) -> Found:
 def _cameras(tree: Tree) -> list[tuple[str, dict[str, Tree]]]:
     """By the names that lead to them."""
     nodes = [((), tree), *walk(tree)]
-    found = [
-        (".".join(path).lower(), node) for path, node in nodes if isinstance(node, dict) and {*_INTRINSICS} <= {*node}
-    ]
-    return [(name, fields) for name, fields in found if not any(word in name for word in _OTHER)]
+    found = []
+    for path, node in nodes:
+        name = ".".join(path).lower()
+        if isinstance(node, dict) and {*_INTRINSICS} <= {*node} and not any(word in name for word in _OTHER):
+            found.append((name, node))
+    return found
 
 
 def _baseline(tree: Tree) -> float | None:
