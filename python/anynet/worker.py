@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from time import perf_counter
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakSet, finalize
 
 import numpy as np
@@ -44,6 +44,9 @@ class _Frame:
     submitted: float
 
 
+if TYPE_CHECKING:
+    from anynet.camera import ShiftedPredictor
+
 _Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
@@ -67,7 +70,7 @@ class Worker:
 
     def __init__(
         self,
-        predictor: Predictor,
+        predictor: Predictor | ShiftedPredictor,
         *,
         budget_ms: float | None = None,
         stage: int | None = None,
@@ -77,7 +80,7 @@ class Worker:
             isinstance(budget_ms, bool) or not isinstance(budget_ms, Real) or not budget_ms >= 0
         ):
             raise AnyNetError(f"Worker: expected budget_ms >= 0, got {budget_ms!r}")
-        stages = predictor.config.stages if isinstance(predictor, Predictor) else None
+        stages = getattr(getattr(predictor, "config", None), "stages", None)  # stand-ins have none
         if stage is not None and (
             isinstance(stage, bool) or not isinstance(stage, Integral) or not 1 <= stage <= (stages or stage)
         ):
@@ -158,7 +161,7 @@ class Worker:
 class _Loop:
     """What the thread and its worker share."""
 
-    def __init__(self, predictor: Predictor, budget_ms: float, stage: float, preempt: bool) -> None:
+    def __init__(self, predictor: Predictor | ShiftedPredictor, budget_ms: float, stage: float, preempt: bool) -> None:
         self._predictor = predictor
         self._budget_ms = budget_ms
         self._stage = stage

@@ -29,10 +29,10 @@ from anynet.cli.calibration import (
     Focal,
     MinDisparity,
     Raw,
-    collected_warnings,
 )  # fmt: skip
 from anynet.cli.results import DepthFormat, Format, Writer
 from anynet.cli.sources import open_source, size_of
+from anynet.cli.told import collected_warnings
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
 

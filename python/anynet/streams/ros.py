@@ -95,9 +95,8 @@ def levels_of(message: Any, where: str) -> npt.NDArray[Any]:
     data = np.asarray(message.data, np.uint8)[: step * height]
     padded[: len(data)] = data
     pixels: npt.NDArray[Any] = np.ascontiguousarray(padded.reshape(height, step)[:, :row]).view(dtype)
-    if dtype is np.uint16:
-        if bool(message.is_bigendian) != (sys.byteorder == "big"):
-            pixels = pixels.byteswap()
+    if dtype is np.uint16 and bool(message.is_bigendian) != (sys.byteorder == "big"):
+        pixels = pixels.byteswap()
     pixels = pixels.reshape(height, width, channels) if channels > 1 else pixels.reshape(height, width)
     try:
         return pixels if code is None else cv2.cvtColor(pixels, code)

@@ -6,14 +6,15 @@ import math
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-from anynet.camera import PairPreparation, PreparedPair, RowWatch
+from anynet.camera import PairPreparation, PreparedPair, RowWatch, ShiftedPredictor
 from anynet.errors import AnyNetError
 from anynet.predictor import Estimate, Predictor
 from anynet.streams.source import Frame, Source
@@ -117,8 +118,10 @@ class Stream:
         self._rate = rate
         self._every_frame = every_frame
         self._watch = RowWatch() if watch else None
-        self._options = {"budget_ms": budget_ms, "stage": stage, "preempt": not every_frame}
-        Worker(predictor, **self._options).close()  # wrong options are told before the source is read
+        self._new_worker: Callable[[Predictor | ShiftedPredictor], Worker] = partial(
+            Worker, budget_ms=budget_ms, stage=stage, preempt=not every_frame
+        )
+        self._new_worker(predictor).close()  # wrong options are told before the source is read
         self._worker: Worker | None = None
         self._begun = threading.Event()
         self._stopped = threading.Event()
@@ -177,7 +180,7 @@ class Stream:
                 self.statistics.arrived(arrived)
                 pair = self._prepared(frame)
                 if self._worker is None:
-                    self._worker = Worker(pair.predictor(self._predictor), **self._options)
+                    self._worker = self._new_worker(pair.predictor(self._predictor))
                     self._begun.set()
                 self._last = self._worker.submit(pair.left, pair.right, stamp=(frame, pair, arrived))
                 if self._every_frame:
