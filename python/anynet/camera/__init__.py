@@ -1,9 +1,10 @@
-"""Cameras: their calibrations, from any tool's files, the rectification of their images, and what goes wrong with both."""
+"""Cameras: calibrations from any tool's files, rectification, and what goes wrong with both."""
 
 from anynet.camera.calibration import Calibration
 from anynet.camera.check import check_rectified
 from anynet.camera.matches import Matches, match_corners
 from anynet.camera.plausibility import check_calibration
+from anynet.camera.prepare import PairPreparation, PreparedPair
 from anynet.camera.read import read_calibration
 from anynet.camera.rig import Camera, Rectification, StereoRig
 from anynet.camera.rows import RowShift, RowWatch, fit_rows
@@ -13,6 +14,8 @@ __all__ = [
     "Calibration",
     "Camera",
     "Matches",
+    "PairPreparation",
+    "PreparedPair",
     "Rectification",
     "RowShift",
     "RowWatch",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -37,7 +39,7 @@ def check_rectified(
     matches = match_corners(left, right) if matches is None else matches
     if not matches.enough:
         return []
-    return [*_rows(matches), *_swapped(matches, doffs), *_beyond(matches, reach)]
+    return [*_rows(matches), *(_swapped(matches, doffs) or _negative(matches, doffs)), *_beyond(matches, reach)]
 
 
 def negative_disparities(matches: Matches) -> float:
@@ -66,6 +68,16 @@ def _swapped(matches: Matches, doffs: float) -> list[str]:
     return [
         f"left and right look swapped: {wrong} of {np.count_nonzero(moved)} matched corners lie farther right "
         "in the right image"
+    ]
+
+
+def _negative(matches: Matches, doffs: float) -> list[str]:
+    below = negative_disparities(matches)
+    if below <= max(0.0, doffs) + 1:
+        return []
+    return [
+        f"matched corners have negative disparities, down to {-below:.0f} pixels, which doffs ({doffs:g}) does not "
+        f"explain: use --min-disparity {-math.ceil(below + 8)}, and for depth give --doffs"
     ]
 
 

@@ -47,19 +47,7 @@ def check_calibration(calibration: Calibration, width: int, height: int, reach: 
     focal = calibration.focal
     if not _WIDEST * width < focal < _NARROWEST * max(width, height):
         findings.append(f"a focal length of {focal:g} pixels is implausible for images {width} pixels wide")
-    for name, side, value in (("cx", width, calibration.cx), ("cy", height, calibration.cy)):
-        if value is None:
-            continue
-        if not 0 <= value <= side:
-            findings.append(
-                f"the principal point lies outside the image ({name} {value:g} of {side} pixels): "
-                "is the calibration for images of another size?"
-            )
-        elif abs(value - side / 2) > _OFF_CENTER * side:
-            findings.append(
-                f"the principal point lies far from the image's center ({name} {value:g} of {side} pixels): "
-                "is the calibration for images of another size?"
-            )
+    findings += check_principal_point(calibration.cx, calibration.cy, width, height)
     if calibration.doffs <= -reach:
         findings.append(
             f"doffs is {calibration.doffs:g}: only disparities above {-calibration.doffs:g} pixels have a depth, "
@@ -73,6 +61,25 @@ def check_calibration(calibration: Calibration, width: int, height: int, reach: 
             f"the scene has disparities up to {ndisp} pixels (ndisp), and the network finds those up to {reach:g}: "
             f"use --input-scale {scale_for(ndisp)} or less"
         )
+    return findings
+
+
+def check_principal_point(cx: float | None, cy: float | None, width: int, height: int) -> list[str]:
+    """One sentence for each coordinate, pixels, that is hardly one of an image of this size; None says nothing."""
+    findings = []
+    for name, side, value in (("cx", width, cx), ("cy", height, cy)):
+        if value is None:
+            continue
+        if not 0 <= value <= side:
+            findings.append(
+                f"the principal point lies outside the image ({name} {value:g} of {side} pixels): "
+                "is the calibration for images of another size?"
+            )
+        elif abs(value - side / 2) > _OFF_CENTER * side:
+            findings.append(
+                f"the principal point lies far from the image's center ({name} {value:g} of {side} pixels): "
+                "is the calibration for images of another size?"
+            )
     return findings
 
 

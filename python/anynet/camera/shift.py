@@ -20,7 +20,7 @@ from anynet.camera.matches import Matches
 from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
-    from anynet import Estimate, Predictor
+    from anynet import AnyNetConfig, Estimate, Predictor
 
 Image = npt.NDArray[np.uint8]
 
@@ -43,6 +43,11 @@ class ShiftedPredictor:
             raise AnyNetError(f"expected min_disparity up to {_LARGEST} pixels, got {min_disparity}")
         self.predictor = predictor
         self.min_disparity = int(min_disparity)
+
+    @property
+    def config(self) -> AnyNetConfig:
+        """The predictor's."""
+        return self.predictor.config
 
     def stages(self, left: Image, right: Image) -> Iterator[Estimate]:
         """As `Predictor.stages`."""
