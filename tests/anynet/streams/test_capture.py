@@ -27,7 +27,7 @@ class FakeCamera:
         self.released = False
         self.images = images
 
-    def isOpened(self) -> bool:  # noqa: N802
+    def isOpened(self) -> bool:
         return self.plugged.is_set()
 
     def grab(self) -> bool:
@@ -129,7 +129,7 @@ def test_cameras_that_lie(plugged: threading.Event) -> None:
     assert (next(of(np.full((8, 12), 7, np.uint8)).frames()).left == 7).all()
     sizes = iter([(8, 12), (8, 10)])
     two = Capture(["a", "b"], live=True, open=lambda name: FakeCamera(name, [np.zeros((*next(sizes), 3), np.uint8)]))
-    with pytest.raises(AnyNetError, match="^a and b: expected two images of one size, got 12 x 8 and 10 x 8$"):
+    with pytest.raises(AnyNetError, match=r"^a and b: expected two images of one size, got 12 x 8 and 10 x 8$"):
         next(two.frames())
 
 
@@ -141,10 +141,11 @@ def test_what_cannot_be_opened(tmp_path: Path) -> None:
 
 
 def video(path: Path, count: int, width: int = 64, rate: float = 20) -> Path:
-    """Each image of one gray level: 20, 30, ..."""
+    """Images of gray levels about 20, 30, ..."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate, (width, 48))
     for index in range(count):
-        writer.write(np.full((48, width, 3), 20 + 10 * index, np.uint8))
+        noise = np.random.default_rng(index).integers(-5, 6, (48, width, 1)).repeat(3, axis=2)
+        writer.write((20 + 10 * index + noise).clip(0, 255).astype(np.uint8))
     writer.release()
     return path
 
@@ -155,7 +156,7 @@ def test_videos(tmp_path: Path) -> None:
         assert source.rate == 20
         assert source.warnings == []
         frames = list(source.frames())
-    assert [round(float(frame.left.mean())) for frame in frames] == [20, 30, 40, 50, 60, 70]
+    assert [frame.left.mean() for frame in frames] == pytest.approx([20, 30, 40, 50, 60, 70], abs=2)
     assert [frame.time for frame in frames] == pytest.approx([0, 0.05, 0.1, 0.15, 0.2, 0.25])
     assert frames[3].stamp - frames[0].stamp == 150_000_000
     (both,) = Capture([str(video(tmp_path / "c.avi", 1))], live=False, rate=5).frames()
@@ -167,7 +168,7 @@ def test_videos(tmp_path: Path) -> None:
 
 def test_a_video_cut_off_ends(tmp_path: Path) -> None:
     path = video(tmp_path / "a.avi", 20)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 4])
     assert 0 < len(list(Capture([str(path)], live=False).frames())) < 20
 
 
@@ -176,7 +177,7 @@ class Mjpeg(BaseHTTPRequestHandler):
 
     connections = 0
 
-    def do_GET(self) -> None:  # noqa: N802
+    def do_GET(self) -> None:
         type(self).connections += 1
         self.send_response(200)
         self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=next")
@@ -201,7 +202,8 @@ def test_a_network_stream_is_opened_again() -> None:
             levels.append(round(float(frame.left.mean()) / 50))
             if levels[-1] >= 3:
                 source.close()
-        assert sorted(set(levels)) == levels[:: 1 if len(levels) < 4 else 1] or set(levels) >= {3}
+        assert levels == sorted(levels)
+        assert {1, 3} <= set(levels)
     finally:
         server.shutdown()
         server.server_close()

@@ -130,7 +130,7 @@ def test_topics_that_cannot_be_told(tmp_path: Path) -> None:
 def test_left_and_right_are_matched_by_their_stamps(tmp_path: Path) -> None:
     """Shutters 3 ms apart, images that come late, and some without a partner."""
     with BagWriter(tmp_path / "a.mcap") as bag:
-        stamps = "l0 r3 l100 l200 r203 r303 l400 l500 r403 r503".split()
+        stamps = ["l0", "r3", "l100", "l200", "r203", "r303", "l400", "l500", "r403", "r503"]
         for recorded, (side, *digits) in enumerate(stamps):
             stamp = int("".join(digits))
             image = np.full((4, 4, 3), stamp // 100, np.uint8)
