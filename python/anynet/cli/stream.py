@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from enum import Enum
@@ -227,6 +228,9 @@ def _process(result: Result, writer: Writer | None, sinks: list[Sink]) -> dict[s
 @contextmanager
 def _stopping(running: Stream) -> Iterator[None]:
     """Within, the first Ctrl-C or SIGTERM stops the stream; the second does what it does elsewhere."""
+    if threading.current_thread() is not threading.main_thread():  # only that one may set them
+        yield
+        return
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def stop(number: int, _: FrameType | None) -> None:

@@ -11,7 +11,7 @@ from anynet.streams import Frame, Recording
 
 pytest.importorskip("rosbags", reason="the extra ros is not installed")
 
-from .bags import START, BagWriter
+from bags import START, BagWriter
 
 MS = 1_000_000
 
