@@ -55,10 +55,12 @@ class PreparedPair:
     def known(self, disparity: Map) -> Map:
         """The disparity [H, W] with NaN wherever it is not known: outside of what the camera saw, or behind it.
 
-        Without a calibration, disparities have to be above 0, or the first one looked for.
+        That is, too, where it is not above the smallest one looked for: the network's refinement went astray there.
         """
-        doffs = max(0.0, -float(self.min_disparity)) if self.calibration is None else self.calibration.doffs
-        known = np.where(disparity + np.float32(doffs) > 0, disparity, np.float32(np.nan))
+        smallest = float(self.min_disparity)
+        if self.calibration is not None:
+            smallest = max(smallest, -self.calibration.doffs)
+        known = np.where(disparity > np.float32(smallest), disparity, np.float32(np.nan))
         if self.valid is not None:
             known[~self.valid] = np.nan
         return known
