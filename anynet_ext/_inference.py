@@ -20,7 +20,7 @@ def stem(
     scale: Tensor,
     shift: Tensor,
     *,
-    enlargement: int = 1,
+    input_scale: int = 1,
     multiple: int = 4,
 ) -> Tensor:
     """AnyNet's first layers on images in bytes, in one pass without intermediate tensors.
@@ -36,7 +36,7 @@ def stem(
         weight_first, bias_first: [C, 3, 3, 3], [C].
         weight_second: [C, C, 3, 3].
         scale, shift: [C].
-        enlargement: 1 or 2, how many times as high and wide to make the images first.
+        input_scale: 1 or 2, how many times as high and wide to make the images first.
         multiple: a multiple of 4.
 
     Returns:
@@ -48,7 +48,7 @@ def stem(
     Source: AnyNet paper (arXiv 1810.11408), Table I.
     """
     out: Tensor = torch.ops.anynet.stem(
-        left, right, mean, weight_first, bias_first, weight_second, scale, shift, enlargement, multiple
+        left, right, mean, weight_first, bias_first, weight_second, scale, shift, input_scale, multiple
     )
     return out
 
@@ -114,7 +114,7 @@ def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) ->
     return out
 
 
-def activated_cost_volume(
+def cost_volume_affine_relu(
     left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
 ) -> Tensor:
     """`relu(scale * cost_volume + shift)`: as far as the disparity network's first convolution.
@@ -132,7 +132,7 @@ def activated_cost_volume(
     Raises:
         RuntimeError: if an argument has the wrong dtype or shape.
     """
-    out: Tensor = torch.ops.anynet.activated_cost_volume(left, right, disparity, first, last, scale, shift)
+    out: Tensor = torch.ops.anynet.cost_volume_affine_relu(left, right, disparity, first, last, scale, shift)
     return out
 
 
@@ -142,7 +142,7 @@ def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     return out
 
 
-def normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     """`spatial_propagation` with gates over the sum of the absolute values of each pixel's three, plus 1e-8.
 
     [N, C, H, W], [N, 3, C, H, W] -> [N, C, H, W], float32, contiguous.
@@ -150,11 +150,11 @@ def normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tens
     Raises:
         RuntimeError: if an argument has the wrong dtype, shape or layout, or the direction is not 0, 1, 2 or 3.
     """
-    out: Tensor = torch.ops.anynet.normalised_propagation(input, gates, direction)
+    out: Tensor = torch.ops.anynet.normalized_propagation(input, gates, direction)
     return out
 
 
-def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
+def fill_occlusions(disparity: Tensor, pixel: float) -> Tensor:
     """Disparity with what it hides from the right camera filled from the background beside it.
 
     What lies beyond the right image's left border takes the disparity of its right neighbour, what lies behind
@@ -170,11 +170,11 @@ def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
     Raises:
         RuntimeError: if an argument has the wrong dtype, layout or value.
     """
-    out: Tensor = torch.ops.anynet.fill_hidden(disparity, pixel)
+    out: Tensor = torch.ops.anynet.fill_occlusions(disparity, pixel)
     return out
 
 
-def update_picture(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
+def candidate_costs(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
     """What a residual stage's network looks at (`anynet.network.Update`).
 
     Args:
@@ -191,7 +191,7 @@ def update_picture(features: Tensor, disparity: Tensor, groups: int, first: int,
     Raises:
         RuntimeError: if an argument has the wrong dtype, shape, layout or value.
     """
-    out: Tensor = torch.ops.anynet.update_picture(features, disparity, groups, first, last, radius)
+    out: Tensor = torch.ops.anynet.candidate_costs(features, disparity, groups, first, last, radius)
     return out
 
 
@@ -232,7 +232,7 @@ def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
     return out
 
 
-def small_image(
+def read_image(
     image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int, *, block: int = 1
 ) -> Tensor:
     """An image in bytes made `factor` times smaller, bilinear (align_corners=False), less `mean`, over `std`.
@@ -249,7 +249,7 @@ def small_image(
     Raises:
         RuntimeError: if an argument has the wrong dtype or shape.
     """
-    out: Tensor = torch.ops.anynet.small_image(image, mean, std, factor, block, height, width)
+    out: Tensor = torch.ops.anynet.read_image(image, mean, std, factor, block, height, width)
     return out
 
 
@@ -262,10 +262,10 @@ def _fake_stem(
     weight_second: Tensor,
     scale: Tensor,
     shift: Tensor,
-    enlargement: int,
+    input_scale: int,
     multiple: int,
 ) -> Tensor:
-    height, width = (-(-size * enlargement // multiple) * multiple for size in left.shape[:2])
+    height, width = (-(-size * input_scale // multiple) * multiple for size in left.shape[:2])
     return mean.new_empty(2, bias_first.shape[0], height // 4, width // 4)
 
 
@@ -282,7 +282,7 @@ def _fake_upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tens
     return torch.empty_like(input, memory_format=torch.contiguous_format)
 
 
-def _fake_activated_cost_volume(
+def _fake_cost_volume_affine_relu(
     left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
 ) -> Tensor:
     n, _, h, w = left.shape
@@ -294,15 +294,15 @@ def _fake_max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     return input.new_empty(n, c, h // 2, w // 2)
 
 
-def _fake_normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+def _fake_normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     return torch.empty_like(input, memory_format=torch.contiguous_format)
 
 
-def _fake_fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
+def _fake_fill_occlusions(disparity: Tensor, pixel: float) -> Tensor:
     return torch.empty_like(disparity, memory_format=torch.contiguous_format)
 
 
-def _fake_update_picture(
+def _fake_candidate_costs(
     features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int
 ) -> Tensor:
     _, c, h, w = features.shape
@@ -318,7 +318,7 @@ def _fake_convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
     return input.new_empty(n, 1, 2 * h, 2 * w)
 
 
-def _fake_small_image(
+def _fake_read_image(
     image: Tensor, mean: Tensor, std: Tensor, factor: int, block: int, height: int, width: int
 ) -> Tensor:
     return mean.new_empty(1, 3 * block**2, height, width)
@@ -333,14 +333,14 @@ for _fake in (
     _fake_upsample_sum,
     _fake_upsample_concat,
     _fake_upsample_add,
-    _fake_activated_cost_volume,
+    _fake_cost_volume_affine_relu,
     _fake_max_pool,
-    _fake_normalised_propagation,
-    _fake_fill_hidden,
-    _fake_update_picture,
+    _fake_normalized_propagation,
+    _fake_fill_occlusions,
+    _fake_candidate_costs,
     _fake_expected_disparity,
     _fake_convex_upsampling,
-    _fake_small_image,
+    _fake_read_image,
 ):
     _name = "anynet::" + _fake.__name__.removeprefix("_fake_")
     torch.library.register_fake(_name, _fake)

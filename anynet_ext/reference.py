@@ -6,7 +6,7 @@ types are computed in float32 and rounded once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 import torch.nn.functional as F
@@ -151,12 +151,12 @@ def stem(
     scale: Tensor,
     shift: Tensor,
     *,
-    enlargement: int = 1,
+    input_scale: int = 1,
     multiple: int = 4,
 ) -> Tensor:
     """relu(scale * max_pool(conv(relu(conv(enlarged images - mean)))) + shift)"""
     x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
-    x = F.interpolate(x, scale_factor=enlargement, mode="bilinear")
+    x = F.interpolate(x, scale_factor=input_scale, mode="bilinear")
     x = F.pad(x, (0, -x.shape[3] % multiple, 0, -x.shape[2] % multiple), mode="replicate")
     x = F.relu(F.conv2d(x, weight_first, bias_first, padding=1))
     return max_pool(F.conv2d(x, weight_second, padding=1, stride=2), scale, shift)
@@ -184,7 +184,7 @@ def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) ->
     return _affine_relu(input + F.interpolate(coarse, input.shape[2:], mode="trilinear"), scale, shift)
 
 
-def activated_cost_volume(
+def cost_volume_affine_relu(
     left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
 ) -> Tensor:
     """relu(scale * cost_volume + shift), pair n with those at n % len(scale)"""
@@ -198,39 +198,53 @@ def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     return _affine_relu(F.max_pool2d(input, 2), scale, shift)
 
 
-def normalised_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     """spatial_propagation with gates / (sum of the absolute values of each pixel's three + 1e-8)"""
     return spatial_propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
 
 
-def fill_hidden(disparity: Tensor, pixel: float) -> Tensor:
-    """What lands outside the right image takes its right neighbour's disparity; what lands behind others, its left's"""
-    lands = torch.arange(disparity.shape[-1], device=disparity.device) - disparity / pixel
-    leftmost = lands.flip(-1).cummin(-1).values.flip(-1)
-    outside, behind = (-lands / 2).clamp(0, 1), ((lands - leftmost - 0.5) / 2).clamp(0, 1)
+def fill_occlusions(
+    disparity: Tensor, pixel: float, *, propagation: Callable[..., Tensor] = spatial_propagation
+) -> Tensor:
+    """What lands outside the right image takes its right neighbor's disparity; what lands behind others, its left's"""
+    with torch.no_grad():
+        lands = torch.arange(disparity.shape[-1], dtype=disparity.dtype, device=disparity.device) - disparity / pixel
+        leftmost = lands.flip(-1).cummin(-1).values.flip(-1)
+        outside, behind = (-lands / 2).clamp(0, 1), ((lands - leftmost - 0.5) / 2).clamp(0, 1)
     for mask, direction in ((outside, 1), (behind * (1 - outside), 0)):
-        gates = F.pad(mask[:, None].detach(), (0, 0, 0, 0, 0, 0, 1, 1))  # only the neighbour in the same row
-        disparity = spatial_propagation(disparity, gates, direction)
+        gates = F.pad(mask[:, None], (0, 0, 0, 0, 0, 0, 1, 1))  # only the neighbor in the same row
+        disparity = propagation(disparity, gates, direction)
     return disparity
 
 
-def update_picture(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
+def candidate_costs(
+    features: Tensor,
+    disparity: Tensor,
+    groups: int,
+    first: int,
+    last: int,
+    radius: int,
+    *,
+    volume: Callable[..., Tensor] = cost_volume,
+) -> Tensor:
     """[groups' costs of the residuals, of the nearest and of the farthest within the radius; left; their offsets]"""
-    left, right = features.view(2, groups, -1, *features.shape[2:]).unbind()
+    left, right = features.view(2, -1, features.shape[1] // groups, *features.shape[2:]).unbind()
     window = 2 * radius + 1
-    near, far = (sign * F.max_pool2d(sign * disparity, window, 1, radius) for sign in (1, -1))
+    near, far = F.max_pool2d(disparity, window, 1, radius), -F.max_pool2d(-disparity, window, 1, radius)
+    n, _, h, w = disparity.shape
     costs = [
-        cost_volume(left, right, at.expand(groups, -1, -1, -1), *span).flatten(0, 1)
+        volume(left, right, at.repeat_interleave(groups, 0), *span).view(n, -1, h, w)
         for at, span in ((disparity, (first, last)), (near, (0, 0)), (far, (0, 0)))
     ]
-    return torch.cat([*costs, features[0], (near - disparity)[0], (far - disparity)[0]])[None]
+    return torch.cat([*costs, features[:n], near - disparity, far - disparity], 1)
 
 
 def expected_disparity(cost: Tensor, disparity: Tensor, offsets: Tensor, first: int) -> Tensor:
     """disparity + sum of softmax(-cost) * [first, first + 1, ..., offsets]"""
-    steps = torch.arange(first, first + cost.shape[1] - 2, dtype=cost.dtype)[:, None, None]
-    residuals = torch.cat([steps.expand(-1, *cost.shape[2:])[None], offsets], 1)
-    return disparity + ((-cost).softmax(1) * residuals).sum(1, keepdim=True)
+    probability = (-cost).softmax(1)
+    steps = torch.arange(first, first + cost.shape[1] - 2, dtype=cost.dtype, device=cost.device)
+    out = (probability[:, :-2] * steps.view(-1, 1, 1)).sum(1, keepdim=True)
+    return disparity + (out + probability[:, -2:-1] * offsets[:, :1] + probability[:, -1:] * offsets[:, 1:])
 
 
 def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
@@ -242,7 +256,7 @@ def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
     return F.pixel_shuffle((weights * around).sum(2), 2)
 
 
-def small_image(
+def read_image(
     image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int, *, block: int = 1
 ) -> Tensor:
     """pixel_unshuffle((bilinear(image / factor) - mean) / std, block), cut to height x width"""

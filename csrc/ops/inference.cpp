@@ -71,14 +71,14 @@ Tensor upsample_add(const Tensor& input, const Tensor& coarse, const Tensor& sca
   return out;
 }
 
-Tensor activated_cost_volume(const Tensor& left, const Tensor& right, const std::optional<Tensor>& disparity,
-                             int64_t first, int64_t last, const Tensor& scale, const Tensor& shift) {
-  check_contiguous("activated_cost_volume", "left", left, 4);
-  check_cost_volume("activated_cost_volume", left, right, disparity, first, last);
+Tensor cost_volume_affine_relu(const Tensor& left, const Tensor& right, const std::optional<Tensor>& disparity,
+                               int64_t first, int64_t last, const Tensor& scale, const Tensor& shift) {
+  check_contiguous("cost_volume_affine_relu", "left", left, 4);
+  check_cost_volume("cost_volume_affine_relu", left, right, disparity, first, last);
   const int64_t groups = scale.numel();
-  check_affine("activated_cost_volume", scale, shift, groups, left);
+  check_affine("cost_volume_affine_relu", scale, shift, groups, left);
   ANYNET_CHECK(groups > 0 && left.size(0) % groups == 0,
-               "activated_cost_volume: expected a scale for each of left's groups, got ", groups, " for left ",
+               "cost_volume_affine_relu: expected a scale for each of left's groups, got ", groups, " for left ",
                shape(left));
   Tensor out = empty_like(left, {left.size(0), last - first + 1, left.size(2), left.size(3)});
   const CostVolume<float> args{view<float>(left),
@@ -104,10 +104,10 @@ Tensor max_pool(const Tensor& input, const Tensor& scale, const Tensor& shift) {
   return out;
 }
 
-Tensor normalised_propagation(const Tensor& input, const Tensor& gates, int64_t direction) {
-  check_contiguous("normalised_propagation", "input", input, 4);
-  check_contiguous("normalised_propagation", "gates", gates, 5);
-  check_spatial_propagation("normalised_propagation", input, gates, direction);
+Tensor normalized_propagation(const Tensor& input, const Tensor& gates, int64_t direction) {
+  check_contiguous("normalized_propagation", "input", input, 4);
+  check_contiguous("normalized_propagation", "gates", gates, 5);
+  check_spatial_propagation("normalized_propagation", input, gates, direction);
   Tensor out = contiguous_like(input);
   const SpatialPropagation<float> args{view<float>(input), view<float, 5>(gates), static_cast<int>(direction),
                                        data<float>(out), true};
@@ -115,29 +115,29 @@ Tensor normalised_propagation(const Tensor& input, const Tensor& gates, int64_t 
   return out;
 }
 
-Tensor fill_hidden(const Tensor& disparity, double pixel) {
-  check_contiguous("fill_hidden", "disparity", disparity, 4);
-  ANYNET_CHECK(pixel > 0, "fill_hidden: expected a pixel above 0, got ", pixel);
+Tensor fill_occlusions(const Tensor& disparity, double pixel) {
+  check_contiguous("fill_occlusions", "disparity", disparity, 4);
+  ANYNET_CHECK(pixel > 0, "fill_occlusions: expected a pixel above 0, got ", pixel);
   Tensor out = contiguous_like(disparity);
   if (out.numel() == 0) return out;
   const int64_t width = disparity.size(3);
-  const FillHidden<float> args{disparity.numel() / width, width, data<float>(disparity), static_cast<float>(pixel),
-                               data<float>(out)};
-  anynet::fill_hidden(chosen_isa(), args, num_threads());
+  const FillOcclusions<float> args{disparity.numel() / width, width, data<float>(disparity), static_cast<float>(pixel),
+                                   data<float>(out)};
+  anynet::fill_occlusions(chosen_isa(), args, num_threads());
   return out;
 }
 
-Tensor update_picture(const Tensor& features, const Tensor& disparity, int64_t groups, int64_t first, int64_t last,
-                      int64_t radius) {
-  check_contiguous("update_picture", "features", features, 4);
-  check_contiguous("update_picture", "disparity", disparity, 4);
+Tensor candidate_costs(const Tensor& features, const Tensor& disparity, int64_t groups, int64_t first, int64_t last,
+                       int64_t radius) {
+  check_contiguous("candidate_costs", "features", features, 4);
+  check_contiguous("candidate_costs", "disparity", disparity, 4);
   const int64_t channels = features.size(1), height = features.size(2), width = features.size(3);
-  check_tensor("update_picture", "features", features, {2, channels, height, width}, features);
-  check_tensor("update_picture", "disparity", disparity, {1, 1, height, width}, features);
-  ANYNET_CHECK(groups > 0 && channels % groups == 0, "update_picture: expected groups to divide the ", channels,
+  check_tensor("candidate_costs", "features", features, {2, channels, height, width}, features);
+  check_tensor("candidate_costs", "disparity", disparity, {1, 1, height, width}, features);
+  ANYNET_CHECK(groups > 0 && channels % groups == 0, "candidate_costs: expected groups to divide the ", channels,
                " channels, got ", groups);
-  ANYNET_CHECK(first <= last, "update_picture: expected first <= last, got first ", first, " and last ", last);
-  ANYNET_CHECK(radius >= 0, "update_picture: expected a radius of 0 or more, got ", radius);
+  ANYNET_CHECK(first <= last, "candidate_costs: expected first <= last, got first ", first, " and last ", last);
+  ANYNET_CHECK(radius >= 0, "candidate_costs: expected a radius of 0 or more, got ", radius);
   const int64_t tested = last - first + 1, pixels = height * width;
   Tensor out = empty_like(features, {1, groups * (tested + 2) + channels + 2, height, width});
   if (out.numel() == 0) return out;
@@ -165,8 +165,8 @@ Tensor update_picture(const Tensor& features, const Tensor& disparity, int64_t g
   compare(data<float>(disparity), first, tested, data<float>(out));
   compare(extremes, 0, 1, near_costs);
   compare(extremes + pixels, 0, 1, far_costs);
-  const UpdatePicture<float> rest{channels, pixels, data<float>(features), data<float>(disparity), copy, extremes};
-  anynet::update_picture(isa, rest, threads);
+  const CandidateCosts<float> rest{channels, pixels, data<float>(features), data<float>(disparity), copy, extremes};
+  anynet::candidate_costs(isa, rest, threads);
   return out;
 }
 
@@ -204,21 +204,21 @@ Tensor convex_upsampling(const Tensor& input, const Tensor& logits) {
   return out;
 }
 
-Tensor small_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t factor, int64_t block,
-                   int64_t height, int64_t width) {
-  check_image("small_image", image);
-  check_contiguous("small_image", "mean", mean, 1);
-  check_tensor("small_image", "mean", mean, {3}, mean);
-  check_contiguous("small_image", "std", std, 1);
-  check_tensor("small_image", "std", std, {3}, mean);
-  ANYNET_CHECK(factor == 1 || factor == 2 || factor == 4, "small_image: expected factor 1, 2 or 4, got ", factor);
-  ANYNET_CHECK(block == 1 || block == 2, "small_image: expected block 1 or 2, got ", block);
-  ANYNET_CHECK(height > 0 && width > 0, "small_image: expected a size of at least one pixel, got ", height, " x ",
+Tensor read_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t factor, int64_t block,
+                  int64_t height, int64_t width) {
+  check_image("read_image", image);
+  check_contiguous("read_image", "mean", mean, 1);
+  check_tensor("read_image", "mean", mean, {3}, mean);
+  check_contiguous("read_image", "std", std, 1);
+  check_tensor("read_image", "std", std, {3}, mean);
+  ANYNET_CHECK(factor == 1 || factor == 2 || factor == 4, "read_image: expected factor 1, 2 or 4, got ", factor);
+  ANYNET_CHECK(block == 1 || block == 2, "read_image: expected block 1 or 2, got ", block);
+  ANYNET_CHECK(height > 0 && width > 0, "read_image: expected a size of at least one pixel, got ", height, " x ",
                width);
   Tensor out = empty_like(mean, {1, 3 * block * block, height, width});
-  const SmallImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   factor, block, height, width,
-                               data<float>(mean),    data<float>(std), data<float>(out)};
-  anynet::small_image(chosen_isa(), args, num_threads());
+  const ReadImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   factor, block, height, width,
+                              data<float>(mean),    data<float>(std), data<float>(out)};
+  anynet::read_image(chosen_isa(), args, num_threads());
   return out;
 }
 
@@ -228,19 +228,19 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   m.def("upsample_add(Tensor input, Tensor coarse, Tensor scale, Tensor shift) -> Tensor",
         {at::Tag::pt2_compliant_tag});
   m.def(
-      "activated_cost_volume(Tensor left, Tensor right, Tensor? disparity, int first, int last, Tensor scale, "
+      "cost_volume_affine_relu(Tensor left, Tensor right, Tensor? disparity, int first, int last, Tensor scale, "
       "Tensor shift) -> Tensor",
       {at::Tag::pt2_compliant_tag});
   m.def("max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("normalised_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("fill_hidden(Tensor disparity, float pixel) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("update_picture(Tensor features, Tensor disparity, int groups, int first, int last, int radius) -> Tensor",
+  m.def("normalized_propagation(Tensor input, Tensor gates, int direction) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def("fill_occlusions(Tensor disparity, float pixel) -> Tensor", {at::Tag::pt2_compliant_tag});
+  m.def("candidate_costs(Tensor features, Tensor disparity, int groups, int first, int last, int radius) -> Tensor",
         {at::Tag::pt2_compliant_tag});
   m.def("expected_disparity(Tensor cost, Tensor disparity, Tensor offsets, int first) -> Tensor",
         {at::Tag::pt2_compliant_tag});
   m.def("convex_upsampling(Tensor input, Tensor logits) -> Tensor", {at::Tag::pt2_compliant_tag});
   m.def(
-      "small_image(Tensor image, Tensor mean, Tensor std, int factor, int block, SymInt height, SymInt width) -> "
+      "read_image(Tensor image, Tensor mean, Tensor std, int factor, int block, SymInt height, SymInt width) -> "
       "Tensor",
       {at::Tag::pt2_compliant_tag});
   m.def("upsample_sum(Tensor[] maps, int[] ratios, float gain, SymInt height, SymInt width) -> Tensor",
@@ -251,14 +251,14 @@ STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
   m.impl("upsample_sum", TORCH_BOX(&upsample_sum));
   m.impl("upsample_concat", TORCH_BOX(&upsample_concat));
   m.impl("upsample_add", TORCH_BOX(&upsample_add));
-  m.impl("activated_cost_volume", TORCH_BOX(&activated_cost_volume));
+  m.impl("cost_volume_affine_relu", TORCH_BOX(&cost_volume_affine_relu));
   m.impl("max_pool", TORCH_BOX(&max_pool));
-  m.impl("normalised_propagation", TORCH_BOX(&normalised_propagation));
-  m.impl("fill_hidden", TORCH_BOX(&fill_hidden));
-  m.impl("update_picture", TORCH_BOX(&update_picture));
+  m.impl("normalized_propagation", TORCH_BOX(&normalized_propagation));
+  m.impl("fill_occlusions", TORCH_BOX(&fill_occlusions));
+  m.impl("candidate_costs", TORCH_BOX(&candidate_costs));
   m.impl("expected_disparity", TORCH_BOX(&expected_disparity));
   m.impl("convex_upsampling", TORCH_BOX(&convex_upsampling));
-  m.impl("small_image", TORCH_BOX(&small_image));
+  m.impl("read_image", TORCH_BOX(&read_image));
 }
 
 }  // namespace anynet::ops

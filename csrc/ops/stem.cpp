@@ -6,12 +6,12 @@ namespace anynet::ops {
 
 Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const Tensor& weight_first,
             const Tensor& bias_first, const Tensor& weight_second, const Tensor& scale, const Tensor& shift,
-            int64_t enlargement, int64_t multiple) {
+            int64_t input_scale, int64_t multiple) {
   check_image("stem", left);
   check_image("stem", right);
   ANYNET_CHECK(right.size(0) == left.size(0) && right.size(1) == left.size(1),
                "stem: expected images of one size, got ", shape(left), " and ", shape(right));
-  ANYNET_CHECK(enlargement == 1 || enlargement == 2, "stem: expected an enlargement of 1 or 2, got ", enlargement);
+  ANYNET_CHECK(input_scale == 1 || input_scale == 2, "stem: expected input_scale 1 or 2, got ", input_scale);
   ANYNET_CHECK(multiple > 0 && multiple % 4 == 0, "stem: expected a multiple of 4, got ", multiple);
   const int64_t channels = bias_first.numel();
   check_contiguous("stem", "mean", mean, 1);
@@ -23,12 +23,12 @@ Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const T
   check_tensor("stem", "weight_second", weight_second, {channels, channels, 3, 3}, mean);
   check_affine("stem", scale, shift, channels, mean);
   const auto padded = [&](int64_t size) { return (size + multiple - 1) / multiple * multiple; };
-  const int64_t height = padded(enlargement * left.size(0)), width = padded(enlargement * left.size(1));
+  const int64_t height = padded(input_scale * left.size(0)), width = padded(input_scale * left.size(1));
   Tensor out = empty_like(mean, {2, channels, height / 4, width / 4});
   const Stem<float> args{{data<uint8_t>(left), data<uint8_t>(right)},
                          left.size(0),
                          left.size(1),
-                         enlargement,
+                         input_scale,
                          height,
                          width,
                          channels,
@@ -46,7 +46,7 @@ Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const T
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   m.def(
       "stem(Tensor left, Tensor right, Tensor mean, Tensor weight_first, Tensor bias_first, Tensor weight_second, "
-      "Tensor scale, Tensor shift, int enlargement, int multiple) -> Tensor",
+      "Tensor scale, Tensor shift, int input_scale, int multiple) -> Tensor",
       {at::Tag::pt2_compliant_tag});
 }
 

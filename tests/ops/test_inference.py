@@ -33,15 +33,15 @@ def check(name: str, *args: object, rtol: float | None = 1e-4, atol: float | Non
     assert_close(getattr(inference, name)(*args, **options), expected, rtol=rtol, atol=atol)
 
 
-@pytest.mark.parametrize("enlargement", [1, 2])
+@pytest.mark.parametrize("input_scale", [1, 2])
 @pytest.mark.parametrize("multiple", [4, 16])
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (4, 4), (5, 7), (32, 64), (37, 130), (64, 273)])
-def test_stem(height: int, width: int, channels: int, multiple: int, enlargement: int) -> None:
+def test_stem(height: int, width: int, channels: int, multiple: int, input_scale: int) -> None:
     images = image(height, width), image(height, width, seed=1)
     first = 100 + random(3), random(channels, 3, 3, 3) / 100, random(channels)
     second = random(channels, channels, 3, 3), random(channels), random(channels)
-    check("stem", *images, *first, *second, enlargement=enlargement, multiple=multiple)
+    check("stem", *images, *first, *second, input_scale=input_scale, multiple=multiple)
 
 
 @pytest.mark.parametrize("crop", [0, 3])
@@ -67,10 +67,10 @@ def test_upsample_add(size: tuple[int, int, int], coarse_size: tuple[int, int, i
 @pytest.mark.parametrize("around", [False, True])
 @pytest.mark.parametrize("groups", [1, 2])
 @pytest.mark.parametrize("shape", [(2, 3, 5, 70), (4, 1, 1, 1), (0, 2, 3, 4), (2, 2, 3, 0)])
-def test_activated_cost_volume(shape: tuple[int, ...], groups: int, around: bool) -> None:
+def test_cost_volume_affine_relu(shape: tuple[int, ...], groups: int, around: bool) -> None:
     disparity = 3 * random(1, 1, *shape[2:]).expand(shape[0], -1, -1, -1) if around else None
     affine = random(groups), random(groups + 1)[1:].clone()
-    check("activated_cost_volume", random(*shape), random(*shape) + 1, disparity, -1, 6, *affine, atol=1e-5)
+    check("cost_volume_affine_relu", random(*shape), random(*shape) + 1, disparity, -1, 6, *affine, atol=1e-5)
 
 
 @pytest.mark.parametrize("size", [(2, 2), (5, 3), (12, 70)])
@@ -80,24 +80,24 @@ def test_max_pool(size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("direction", [0, 1, 2, 3])
 @pytest.mark.parametrize("shape", [(1, 1, 1, 1), (3, 2, 5, 17), (1, 8, 30, 40), (0, 2, 2, 2), (1, 2, 0, 3)])
-def test_normalised_propagation(shape: tuple[int, ...], direction: int) -> None:
+def test_normalized_propagation(shape: tuple[int, ...], direction: int) -> None:
     gates = random(shape[0], 3, *shape[1:])
     gates[..., -1] = 0  # nothing to normalise
-    check("normalised_propagation", random(*shape), gates, direction, rtol=None, atol=None)
+    check("normalized_propagation", random(*shape), gates, direction, rtol=None, atol=None)
 
 
 @pytest.mark.parametrize("pixel", [1.0, 4.0])
 @pytest.mark.parametrize("shape", [(1, 1, 1, 1), (2, 1, 5, 70), (1, 1, 90, 300), (0, 1, 4, 4), (1, 1, 3, 0)])
-def test_fill_hidden(shape: tuple[int, ...], pixel: float) -> None:
+def test_fill_occlusions(shape: tuple[int, ...], pixel: float) -> None:
     steps = (random(*shape) > 1).float() * 20 * random(*shape[:3], 1).abs()
-    check("fill_hidden", pixel * (10 + random(*shape) + steps), pixel)
+    check("fill_occlusions", pixel * (10 + random(*shape) + steps), pixel)
 
 
 @pytest.mark.parametrize("radius", [0, 1, 2, 5])
 @pytest.mark.parametrize("groups", [1, 2])
 @pytest.mark.parametrize("size", [(1, 1), (5, 70), (3, 4), (12, 33)])
-def test_update_picture(size: tuple[int, int], groups: int, radius: int) -> None:
-    check("update_picture", random(2, 4, *size), 5 * random(1, 1, *size), groups, -2, 1, radius, atol=1e-5)
+def test_candidate_costs(size: tuple[int, int], groups: int, radius: int) -> None:
+    check("candidate_costs", random(2, 4, *size), 5 * random(1, 1, *size), groups, -2, 1, radius, atol=1e-5)
 
 
 @pytest.mark.parametrize("shape", [(1, 2, 1, 1), (1, 7, 5, 70), (1, 9, 3, 16), (1, 3, 40, 33)])
@@ -117,9 +117,9 @@ def test_convex_upsampling(shape: tuple[int, ...]) -> None:
 @pytest.mark.parametrize("block", [1, 2])
 @pytest.mark.parametrize("factor", [1, 2, 4])
 @pytest.mark.parametrize(("height", "width"), [(4, 4), (16, 20), (1, 1), (37, 61)])
-def test_small_image(height: int, width: int, factor: int, block: int) -> None:
+def test_read_image(height: int, width: int, factor: int, block: int) -> None:
     size = -(-height // (factor * block)), -(-width // (factor * block))
-    check("small_image", image(height, width), random(3), random(3).abs() + 1, factor, *size, block=block)
+    check("read_image", image(height, width), random(3), random(3).abs() + 1, factor, *size, block=block)
 
 
 def test_operators_are_good_citizens() -> None:
@@ -143,22 +143,22 @@ def test_operators_are_good_citizens() -> None:
         (ops.upsample_sum, ([random(2, 3), random(4, 6)], [4, 2], 0.5, 8, 11)),
         (ops.upsample_concat, (random(1, 2, 4, 4), random(1, 1, 2, 2), random(3), random(3))),
         (ops.upsample_add, (random(1, 2, 2, 4, 4), random(1, 2, 1, 2, 2), random(2), random(2))),
-        (ops.activated_cost_volume, (*random(2, 2, 1, 4, 9), random(2, 1, 4, 9), 0, 3, random(2), random(2))),
+        (ops.cost_volume_affine_relu, (*random(2, 2, 1, 4, 9), random(2, 1, 4, 9), 0, 3, random(2), random(2))),
         (ops.max_pool, (random(1, 2, 4, 4), random(2), random(2))),
-        (ops.normalised_propagation, (random(1, 2, 4, 4), random(1, 3, 2, 4, 4), 2)),
-        (ops.fill_hidden, (10 * random(1, 1, 4, 30), 2.0)),
-        (ops.update_picture, (random(2, 4, 4, 30), random(1, 1, 4, 30), 2, -2, 2, 2)),
+        (ops.normalized_propagation, (random(1, 2, 4, 4), random(1, 3, 2, 4, 4), 2)),
+        (ops.fill_occlusions, (10 * random(1, 1, 4, 30), 2.0)),
+        (ops.candidate_costs, (random(2, 4, 4, 30), random(1, 1, 4, 30), 2, -2, 2, 2)),
         (ops.expected_disparity, (random(1, 5, 4, 30), random(1, 1, 4, 30), random(1, 2, 4, 30), -1)),
         (ops.convex_upsampling, (random(2, 1, 4, 5), random(2, 32, 4, 5))),
-        (ops.small_image, (image(8, 8), random(3), random(3), 4, 1, 2, 2)),
-        (ops.small_image, (image(8, 8), random(3), random(3), 1, 2, 4, 4)),
+        (ops.read_image, (image(8, 8), random(3), random(3), 4, 1, 2, 2)),
+        (ops.read_image, (image(8, 8), random(3), random(3), 1, 2, 4, 4)),
     ):
         torch.library.opcheck(op.default, args)
 
 
 def test_no_gradients() -> None:
     with pytest.raises(RuntimeError, match="no gradients"):
-        inference.normalised_propagation(random(1, 1, 2, 2).requires_grad_(), random(1, 3, 1, 2, 2), 0).sum().backward()
+        inference.normalized_propagation(random(1, 1, 2, 2).requires_grad_(), random(1, 3, 1, 2, 2), 0).sum().backward()
 
 
 def test_errors() -> None:
@@ -167,8 +167,8 @@ def test_errors() -> None:
         inference.stem(image(8, 8), image(8, 9), *weights)
     with pytest.raises(RuntimeError, match=r"contiguous uint8 image of shape \[H, W, 3\], got \[8, 8\]"):
         inference.stem(image(8, 8)[..., 0], image(8, 8), *weights)
-    with pytest.raises(RuntimeError, match="enlargement of 1 or 2, got 3"):
-        inference.stem(image(8, 8), image(8, 8), *weights, enlargement=3)
+    with pytest.raises(RuntimeError, match="input_scale 1 or 2, got 3"):
+        inference.stem(image(8, 8), image(8, 8), *weights, input_scale=3)
     with pytest.raises(RuntimeError, match="multiple of 4, got 6"):
         inference.stem(image(8, 8), image(8, 8), *weights, multiple=6)
     with pytest.raises(RuntimeError, match=r"weight_second of shape \[2, 2, 3, 3\], got \[1, 1, 3, 3\]"):
@@ -184,42 +184,42 @@ def test_errors() -> None:
     with pytest.raises(RuntimeError, match=r"coarse of input's batch size and channels.* got \[1, 3, 1, 2, 2\]"):
         inference.upsample_add(random(1, 2, 2, 4, 4), random(1, 3, 1, 2, 2), random(2), random(2))
     with pytest.raises(RuntimeError, match=r"a scale for each of left's groups, got 2 for left \[3, 1, 2, 2\]"):
-        inference.activated_cost_volume(*random(2, 3, 1, 2, 2), None, 0, 3, random(2), random(2))
-    with pytest.raises(RuntimeError, match="activated_cost_volume: expected first <= last, got first 3 and last 0"):
-        inference.activated_cost_volume(*random(2, 2, 1, 2, 2), None, 3, 0, random(2), random(2))
+        inference.cost_volume_affine_relu(*random(2, 3, 1, 2, 2), None, 0, 3, random(2), random(2))
+    with pytest.raises(RuntimeError, match="cost_volume_affine_relu: expected first <= last, got first 3 and last 0"):
+        inference.cost_volume_affine_relu(*random(2, 2, 1, 2, 2), None, 3, 0, random(2), random(2))
     with pytest.raises(RuntimeError, match="input as contiguous float32 tensor of 4 dimensions"):
         inference.max_pool(random(2, 4, 4), random(2), random(2))
     with pytest.raises(RuntimeError, match=r"gates of shape \[1, 3, 1, 2, 2\], got \[1, 2, 1, 2, 2\]"):
-        inference.normalised_propagation(random(1, 1, 2, 2), random(1, 2, 1, 2, 2), 0)
-    with pytest.raises(RuntimeError, match="normalised_propagation: expected direction 0, 1, 2 or 3, got 4"):
-        inference.normalised_propagation(random(1, 1, 2, 2), random(1, 3, 1, 2, 2), 4)
+        inference.normalized_propagation(random(1, 1, 2, 2), random(1, 2, 1, 2, 2), 0)
+    with pytest.raises(RuntimeError, match="normalized_propagation: expected direction 0, 1, 2 or 3, got 4"):
+        inference.normalized_propagation(random(1, 1, 2, 2), random(1, 3, 1, 2, 2), 4)
     with pytest.raises(RuntimeError, match="contiguous float32"):
-        inference.normalised_propagation(random(1, 1, 2, 2).double(), random(1, 3, 1, 2, 2).double(), 0)
+        inference.normalized_propagation(random(1, 1, 2, 2).double(), random(1, 3, 1, 2, 2).double(), 0)
     with pytest.raises(RuntimeError, match="disparity as contiguous float32 tensor of 4 dimensions"):
-        inference.fill_hidden(random(3, 4), 1.0)
+        inference.fill_occlusions(random(3, 4), 1.0)
     with pytest.raises(RuntimeError, match="pixel above 0, got 0"):
-        inference.fill_hidden(random(1, 1, 3, 4), 0.0)
+        inference.fill_occlusions(random(1, 1, 3, 4), 0.0)
     features, disparity = random(2, 4, 3, 5), random(1, 1, 3, 5)
     with pytest.raises(RuntimeError, match=r"features of shape \[2, 4, 3, 5\], got \[1, 4, 3, 5\]"):
-        inference.update_picture(features[:1], disparity, 2, -2, 2, 1)
+        inference.candidate_costs(features[:1], disparity, 2, -2, 2, 1)
     with pytest.raises(RuntimeError, match=r"disparity of shape \[1, 1, 3, 5\], got \[1, 4, 3, 5\]"):
-        inference.update_picture(features, features[:1], 2, -2, 2, 1)
+        inference.candidate_costs(features, features[:1], 2, -2, 2, 1)
     with pytest.raises(RuntimeError, match="groups to divide the 4 channels, got 3"):
-        inference.update_picture(features, disparity, 3, -2, 2, 1)
+        inference.candidate_costs(features, disparity, 3, -2, 2, 1)
     with pytest.raises(RuntimeError, match="first <= last, got first 2 and last -2"):
-        inference.update_picture(features, disparity, 2, 2, -2, 1)
+        inference.candidate_costs(features, disparity, 2, 2, -2, 1)
     with pytest.raises(RuntimeError, match="radius of 0 or more, got -1"):
-        inference.update_picture(features, disparity, 2, -2, 2, -1)
+        inference.candidate_costs(features, disparity, 2, -2, 2, -1)
     with pytest.raises(RuntimeError, match=r"cost of shape \[1, 2 or more, H, W\], got \[1, 1, 3, 5\]"):
         inference.expected_disparity(disparity, disparity, disparity, 0)
     with pytest.raises(RuntimeError, match=r"offsets of shape \[1, 2, 3, 5\], got \[1, 1, 3, 5\]"):
         inference.expected_disparity(features[:1], disparity, disparity, 0)
     with pytest.raises(RuntimeError, match="at least one pixel"):
-        inference.small_image(image(8, 8), random(3), random(3), 4, 0, 2)
+        inference.read_image(image(8, 8), random(3), random(3), 4, 0, 2)
     with pytest.raises(RuntimeError, match="factor 1, 2 or 4, got 3"):
-        inference.small_image(image(8, 8), random(3), random(3), 3, 2, 2)
+        inference.read_image(image(8, 8), random(3), random(3), 3, 2, 2)
     with pytest.raises(RuntimeError, match="block 1 or 2, got 3"):
-        inference.small_image(image(8, 8), random(3), random(3), 1, 2, 2, block=3)
+        inference.read_image(image(8, 8), random(3), random(3), 1, 2, 2, block=3)
     with pytest.raises(RuntimeError, match=r"input of shape \[1, 1, 2, 2\], got \[1, 2, 2, 2\]"):
         inference.convex_upsampling(random(1, 2, 2, 2), random(1, 32, 2, 2))
     with pytest.raises(RuntimeError, match=r"logits of shape \[1, 32, 2, 2\], got \[1, 36, 2, 2\]"):

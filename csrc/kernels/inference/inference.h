@@ -63,7 +63,7 @@ struct MaxPool {
 ///   outside[x] = clamp(-lands[x] / 2, 0, 1)                                   takes f[x+1], from right to left
 ///   behind[x]  = clamp((lands[x] - min_{x' >= x} lands[x'] - 1/2) / 2, 0, 1)  takes out[x-1], from left to right
 template <class T>
-struct FillHidden {
+struct FillOcclusions {
   int64_t rows, width;
   const T* disparity;  // [rows, width], contiguous
   T pixel;             // of its unit per column
@@ -80,7 +80,7 @@ struct WindowExtremes {
 
 /// What is left of a residual stage's picture, beside its cost volumes: features copied, extremes made offsets.
 template <class T>
-struct UpdatePicture {
+struct CandidateCosts {
   int64_t channels, pixels;
   const T* features;   // [C,H,W], contiguous
   const T* disparity;  // [H,W], contiguous
@@ -114,7 +114,7 @@ struct ConvexUpsampling {
 /// normalised: small[c] = (image[c] - mean[c]) / std[c]; then its blocks of `block` x `block` pixels as so many
 /// channels: out[c, i, j, y, x] = small[c, block y + i, block x + j]. Beyond the image its last row and column go on.
 template <class T>
-struct SmallImage {
+struct ReadImage {
   const uint8_t* image;  // RGB, [image_height, image_width, 3], contiguous
   int64_t image_height, image_width;
   int64_t factor;         // 1, 2 or 4
@@ -129,11 +129,11 @@ ANYNET_DECLARE_KERNEL(upsample_sum, UpsampleSum)
 ANYNET_DECLARE_KERNEL(upsample_concat, UpsampleConcat)
 ANYNET_DECLARE_KERNEL(upsample_add, UpsampleAdd)
 ANYNET_DECLARE_KERNEL(max_pool, MaxPool)
-ANYNET_DECLARE_KERNEL(fill_hidden, FillHidden)
+ANYNET_DECLARE_KERNEL(fill_occlusions, FillOcclusions)
 ANYNET_DECLARE_KERNEL(window_extremes, WindowExtremes)
-ANYNET_DECLARE_KERNEL(update_picture, UpdatePicture)
+ANYNET_DECLARE_KERNEL(candidate_costs, CandidateCosts)
 ANYNET_DECLARE_KERNEL(expected_disparity, ExpectedDisparity)
 ANYNET_DECLARE_KERNEL(convex_upsampling, ConvexUpsampling)
-ANYNET_DECLARE_KERNEL(small_image, SmallImage)
+ANYNET_DECLARE_KERNEL(read_image, ReadImage)
 
 }  // namespace anynet

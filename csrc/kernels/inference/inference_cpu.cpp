@@ -216,7 +216,7 @@ void max_pool(const MaxPool<T>& a, int threads) {
 }
 
 template <class T>
-void fill_hidden(const FillHidden<T>& a, int threads) {
+void fill_occlusions(const FillOcclusions<T>& a, int threads) {
   const auto clamped = [](T x) { return std::min(std::max(x, T(0)), T(1)); };
   const auto blend = [](T own, T neighbour, T gate) { return (T(1) - gate) * own + gate * neighbour; };
   parallel_ranges(a.rows, useful_threads(a.rows * a.width * 8, threads), [&](int64_t begin, int64_t end) {
@@ -267,7 +267,7 @@ void window_extremes(const WindowExtremes<T>& a, int threads) {
 }
 
 template <class T>
-void update_picture(const UpdatePicture<T>& a, int threads) {
+void candidate_costs(const CandidateCosts<T>& a, int threads) {
   parallel_ranges(a.pixels, useful_threads(a.pixels * a.channels, threads), [&](int64_t begin, int64_t end) {
     for (int64_t c = 0; c < a.channels; ++c) {
       std::copy(a.features + c * a.pixels + begin, a.features + c * a.pixels + end, a.copy + c * a.pixels + begin);
@@ -350,7 +350,7 @@ void convex_upsampling(const ConvexUpsampling<T>& a, int threads) {
 }
 
 template <class T>
-void small_image(const SmallImage<T>& a, int threads) {
+void read_image(const ReadImage<T>& a, int threads) {
   const int64_t first = std::max<int64_t>(a.factor / 2 - 1, 0), second = a.factor / 2;
   const T gain[3] = {T(0.25) / a.std[0], T(0.25) / a.std[1], T(0.25) / a.std[2]};
   const int64_t plane = a.height * a.width, rows = a.block * a.height;
@@ -375,11 +375,11 @@ template void upsample_sum<float>(const UpsampleSum<float>&, int);
 template void upsample_concat<float>(const UpsampleConcat<float>&, int);
 template void upsample_add<float>(const UpsampleAdd<float>&, int);
 template void max_pool<float>(const MaxPool<float>&, int);
-template void fill_hidden<float>(const FillHidden<float>&, int);
+template void fill_occlusions<float>(const FillOcclusions<float>&, int);
 template void window_extremes<float>(const WindowExtremes<float>&, int);
-template void update_picture<float>(const UpdatePicture<float>&, int);
+template void candidate_costs<float>(const CandidateCosts<float>&, int);
 template void expected_disparity<float>(const ExpectedDisparity<float>&, int);
 template void convex_upsampling<float>(const ConvexUpsampling<float>&, int);
-template void small_image<float>(const SmallImage<float>&, int);
+template void read_image<float>(const ReadImage<float>&, int);
 
 }  // namespace anynet::ANYNET_ISA

@@ -19,7 +19,7 @@ template <class T>
 struct Stem {
   const uint8_t* image[2];  // left and right: RGB, [image_height, image_width, 3], contiguous
   int64_t image_height, image_width;
-  int64_t enlargement;     // 1 or 2
+  int64_t input_scale;     // 1 or 2
   int64_t height, width;   // of x; multiples of 4, not less than the enlarged image's
   int64_t channels;        // C
   const T* mean;           // [3], in bytes' units

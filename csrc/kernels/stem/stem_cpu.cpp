@@ -39,7 +39,7 @@ class Strip {
         bytes_(pitch_ * 12),
         inputs_(4 * 3 * row()),
         first_(5 * a.channels * row()),
-        planes_(a.enlargement == 2 ? 3 * 6 * pitch_ : 0),
+        planes_(a.input_scale == 2 ? 3 * 6 * pitch_ : 0),
         result_(pitch_) {
     fill_zero<T>(inputs_, 4 * 3 * row());
     fill_zero<T>(first_, 5 * a.channels * row());
@@ -77,7 +77,7 @@ class Strip {
       for (int c = 0; c < 3; ++c) fill_zero(input(r, c, 0) - lanes<T>, row());
       return;
     }
-    if (a_.enlargement == 2) {
+    if (a_.input_scale == 2) {
       read_enlarged(r);
     } else {
       read_plain(r);

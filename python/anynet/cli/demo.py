@@ -71,7 +71,7 @@ def _motorcycle() -> tuple[StereoSample, Calibration]:
 
 
 def _rendered(seed: int) -> tuple[StereoSample, None]:
-    from anynet.render import render
+    from anynet.synthetic import render
 
     return render(seed), None
 
@@ -119,13 +119,13 @@ def _write(
 ) -> list[Path]:
     """Writes the picture and, with a calibration, the point cloud; returns their names."""
     from anynet.io import write_image, write_ply
-    from anynet.visualize import stages_picture
+    from anynet.visualize import stages_image
 
     make_folder(out)
     truth = np.where(sample.valid, sample.disparity, np.float32(np.nan)) if sample.valid.any() else None
     stages = [(f"stage {e.stage} ({t:.1f} ms)", e.disparity) for e, t in zip(estimates, times, strict=True)]
     files = [out / "stages.png"]
-    write_image(files[0], stages_picture(sample.left, stages, truth))
+    write_image(files[0], stages_image(sample.left, stages, truth))
     if calibration is not None:
         files.append(out / "cloud.ply")
         write_ply(files[1], calibration.points(calibration.depth(estimates[-1].disparity)), sample.left)

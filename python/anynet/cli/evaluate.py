@@ -63,7 +63,7 @@ def evaluate(
         cv2.setNumThreads(threads)
     methods: list[tuple[str, Method]] = []
     for name in weights or ([] if method else ["default"]):
-        methods.append((name, Predictor(name, threads, input_scale).stages))
+        methods.append((name, Predictor(name, threads=threads, input_scale=input_scale).stages))
     for choice in method or []:
         methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))
     datasets = [open_dataset(spec) for spec in data]

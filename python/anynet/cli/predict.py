@@ -120,7 +120,7 @@ def predict(
 
     from anynet import Predictor  # takes seconds, so after the cheap checks
 
-    predictor = Predictor(weights, threads, input_scale)
+    predictor = Predictor(weights, threads=threads, input_scale=input_scale)
     if stage is not None and stage > predictor.config.stages:
         raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
     failed = 0
@@ -147,7 +147,7 @@ def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, An
     """Computes and writes everything for one pair; returns what `--json` prints."""
     from anynet.io import read_pair, write_depth, write_disparity, write_image, write_ply
     from anynet.rectification import check_rectified
-    from anynet.visualize import limits_of, picture_of
+    from anynet.visualize import disparity_image, limits_of
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -173,7 +173,7 @@ def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, An
     for estimate in estimates if request.all_stages else [last]:
         prefix = "" if estimate is last else f"stage{estimate.stage}_"
         write_disparity(path(f"{prefix}disparity", request.format.value), estimate.disparity)
-        write_image(path(f"{prefix}colour", "png"), picture_of(estimate.disparity, limits))
+        write_image(path(f"{prefix}colour", "png"), disparity_image(estimate.disparity, limits))
     if calibration is not None:
         depth = calibration.depth(last.disparity)
         write_depth(path("depth", "tiff"), depth)

@@ -31,9 +31,9 @@ def folders(root: str | Path, scale: str | float | None = None) -> PairFiles:
 
 
 def table(path: str | Path, scale: str | float | None = None) -> PairFiles:
-    """A CSV file with a header: left, right, and disparity, or depth (metres) with calibration.
+    """A CSV file with a header: left, right, and disparity, or depth (meters) with calibration.
 
-    Paths are relative to the CSV file. In PNG files there are `scale` levels per pixel (of depth: per metre), 256 by
+    Paths are relative to the CSV file. In PNG files there are `scale` levels per pixel (of depth: per meter), 256 by
     default; a sample may also have no truth at all.
     """
     source = Path(path)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from anynet.data.sample import Dataset, StereoSample
 from anynet.errors import AnyNetError
 from anynet.io import read_calibration, read_disparity, read_pair
 from anynet.io.images import open_image
+from anynet.samples import Dataset, StereoSample
 
 Disparity = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -25,7 +25,7 @@ class Files:
     scale: levels per pixel of disparity in PNG and PGM files; None: KITTI's 16 bits / 256.
     noc: a mask (255 = seen by both), or a disparity map known only there.
     other: the right view's disparity, from which `noc` is found by comparison where there is no file for it.
-    depth: whether `disparity` holds metres along the optical axis instead, to be converted with `calibration`.
+    depth: whether `disparity` holds meters along the optical axis instead, to be converted with `calibration`.
     foreground: an object map, 0 = background.
     """
 

@@ -8,16 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from anynet.data import StereoSample
 from anynet.errors import AnyNetError
 from anynet.evaluation.metrics import Disparity, Mask, Scores, mean, pooled, scores
 from anynet.predictor import Estimate
+from anynet.samples import MAX_DISPARITY, StereoSample
 
 Image = npt.NDArray[np.uint8]
 Method = Callable[[Image, Image], Iterable[Estimate]]
 """A stereo method: left and right uint8 RGB [H,W,3] -> estimates, one per stage. `Predictor.stages` is one."""
 
-MAX_DISPARITY = 192.0
 REGIONS = ("all", "noc", "foreground", "background")
 
 
@@ -126,7 +125,7 @@ def _stage(number: int, results: list[tuple[Scores, float, int]]) -> Stage:
 
 
 def filled(disparity: Disparity) -> Disparity:
-    """Fills every hole (NaN) with the smaller, so the farther, of its neighbours in the row; then from other rows."""
+    """Fills every hole (NaN) with the smaller, so the farther, of its neighbors in the row; then from other rows."""
     if np.isfinite(disparity).all():
         return disparity
     rows = np.fmin(_last_known(disparity), _last_known(disparity[:, ::-1])[:, ::-1])

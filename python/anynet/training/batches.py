@@ -21,7 +21,7 @@ Item = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
 class _Draws(Dataset[Item]):
-    """Draw number i of a run: epoch after epoch, each in an order of its own, cropped and augmented by i's own dice."""
+    """Draw number i of a run: epoch after epoch, each in an order of its own, augmented by a generator of its own."""
 
     def __init__(self, samples: Sequence[StereoSample], recipe: Recipe) -> None:
         # So few are decoded once; workers share the memory.
@@ -36,9 +36,9 @@ class _Draws(Dataset[Item]):
         if epoch != self._epoch:
             self._epoch = epoch
             self._order = np.random.default_rng((recipe.seed, 0, epoch)).permutation(len(self._samples))
-        dice = np.random.default_rng((recipe.seed, 1, draw))
+        rng = np.random.default_rng((recipe.seed, 1, draw))
         sample = self._samples[int(self._order[place])]
-        sample = (augment if recipe.augment else random_crop)(sample, recipe.crop, dice)
+        sample = (augment if recipe.augment else random_crop)(sample, recipe.crop_size, rng)
         assert sample.noc is not None  # crops say what they show
         disparity = np.where(sample.valid, sample.disparity, 0).astype(np.float32)
         weights = np.where(sample.noc, np.float32(1), np.float32(recipe.occluded_weight) * sample.valid)
@@ -74,11 +74,11 @@ def batches(samples: Sequence[StereoSample], recipe: Recipe, steps: range, proce
     loss, float32 [B,1,h,w]: 0 where unknown, `recipe.occluded_weight` where the right crop does not show them, else 1;
     times `recipe.far_weight` where they are farther than FAR.
     """
-    if recipe.batch % processes.count:
-        raise AnyNetError(f"a batch of {recipe.batch} does not divide among {processes.count} processes")
+    if recipe.batch_size % processes.count:
+        raise AnyNetError(f"a batch of {recipe.batch_size} does not divide among {processes.count} processes")
     return DataLoader(
         _Draws(samples, recipe),
-        batch_sampler=_Steps(steps, recipe.batch, processes),  # type: ignore[arg-type]
+        batch_sampler=_Steps(steps, recipe.batch_size, processes),  # type: ignore[arg-type]
         num_workers=recipe.workers,
         prefetch_factor=4 if recipe.workers else None,
         pin_memory=processes.device.type == "cuda",

@@ -12,7 +12,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
-from anynet.network import track
+from anynet.model.layers import track
 
 
 @dataclass(frozen=True)
@@ -93,15 +93,15 @@ class _SyncBatchNorm(nn.modules.batchnorm._BatchNorm):
         sums = _total(torch.cat([input.sum(axes), here[None]]))
         count = sums[-1].detach()
         mean = sums[:-1] / count
-        centred = input - mean.view(shape)
+        centered = input - mean.view(shape)
         # Two passes: the difference of large sums would lose the variance in float32.
-        variance = _total(centred.square().sum(axes)) / count
+        variance = _total(centered.square().sum(axes)) / count
         track(self, mean, variance, count)
         scale = self.weight * torch.rsqrt(variance + self.eps)
-        return torch.addcmul(self.bias.view(shape), centred, scale.view(shape))
+        return torch.addcmul(self.bias.view(shape), centered, scale.view(shape))
 
 
-def synchronise_batch_norm(model: nn.Module, device: torch.device) -> None:
+def synchronize_batch_norm(model: nn.Module, device: torch.device) -> None:
     """Makes every batch norm inside the model take its statistics over the batches of all processes."""
     if device.type == "cuda":
         nn.SyncBatchNorm.convert_sync_batchnorm(model)  # type: ignore[no-untyped-call]

@@ -54,7 +54,7 @@ def test_truth_of_real_pairs_warps_right_onto_left(spec: str, count: int) -> Non
 
 
 def tree(root: Path, *entries: str) -> None:
-    """Files with these paths: grey images of level 90, disparities of 3 pixels (PNG: 16 bits, 8 if named 8:PATH)."""
+    """Files with these paths: gray images of level 90, disparities of 3 pixels (PNG: 16 bits, 8 if named 8:PATH)."""
     for entry in entries:
         path = root / entry.removeprefix("8:")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -176,7 +176,7 @@ def test_own_folders_and_table(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("left,disparity\n", "expected columns among left, right"),
-        ("left,right,colour\n", "expected columns among left, right"),
+        ("left,right,color\n", "expected columns among left, right"),
         (
             "left,right,depth\na.png,b.png,c.npy\n",
             r"pairs.csv:2: expected left, right, and disparity or depth \+ calibration",

@@ -8,7 +8,7 @@ import pytest
 from anynet.data import open_datasets
 from anynet.data.rendered import Rendered, RenderedFolder, write_rendered
 from anynet.errors import AnyNetError
-from anynet.render import render
+from anynet.synthetic import render
 
 
 def test_folder_holds_what_was_rendered_and_is_resumed(tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_specs(tmp_path: Path) -> None:
     [
         ("somewhere", "expected KIND:ROOT"),
         ("moon:somewhere", "expected KIND:ROOT"),
-        ("rendered:somewhere?colour=red", "unexpected keyword argument 'colour'"),
+        ("rendered:somewhere?color=red", "unexpected keyword argument 'color'"),
         ("rendered:/nowhere", "expected files NNNNNNN.npy written by `anynet render`, found none"),
     ],
 )

@@ -37,7 +37,7 @@ def test_pixels_that_count():
         region_mask(sample, "noc")
 
 
-def test_holes_take_the_farther_neighbour():
+def test_holes_take_the_farther_neighbor():
     disparity = np.float32([[NAN, 5, NAN, NAN, 3], [NAN, NAN, NAN, NAN, NAN], [7, NAN, 9, 9, NAN]])
     assert filled(disparity).tolist() == [[5, 5, 3, 3, 3], [5, 5, 3, 3, 3], [7, 7, 9, 9, 9]]
     assert np.isnan(filled(np.full((2, 2), NAN, np.float32))).all()

@@ -14,8 +14,8 @@ from anynet.training.loop import train
 from anynet.training.recipe import Recipe
 
 SMALL = {
-    "batch": 4,
-    "crop": (64, 128),
+    "batch_size": 4,
+    "crop_size": (64, 128),
     "augment": False,
     "steps": 12,
     "checkpoint_every": 2,
@@ -36,10 +36,10 @@ class Planes(Sequence[StereoSample]):
     def __getitem__(self, index):
         if not 0 <= index < self._count:
             raise IndexError(index)
-        dice = np.random.default_rng(index)
+        rng = np.random.default_rng(index)
         height, width = self._size
-        shift = int(dice.integers(1, 24))
-        scene = dice.integers(0, 256, (height // 4, (width + 24) // 4, 3), np.uint8).repeat(4, 0).repeat(4, 1)
+        shift = int(rng.integers(1, 24))
+        scene = rng.integers(0, 256, (height // 4, (width + 24) // 4, 3), np.uint8).repeat(4, 0).repeat(4, 1)
         disparity = np.full((height, width), shift, np.float32)
         valid = np.ones((height, width), bool)
         valid[: 10 * (index % 5)] = False

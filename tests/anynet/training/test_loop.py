@@ -19,9 +19,9 @@ from planes import SMALL, Planes
 from safetensors.torch import load_file
 
 from anynet.checkpoint import load_checkpoint
-from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet.network import AnyNet
+from anynet.model.anynet import AnyNet
+from anynet.model.config import AnyNetConfig, FirstStageConfig
 from anynet.training import loop
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes
@@ -69,18 +69,18 @@ def test_the_loss_falls_and_the_weights_are_measured(tmp_path):
 
 @pytest.mark.slow
 def test_killed_and_resumed_gives_the_same_weights(tmp_path):
-    _finish(_start(tmp_path / "whole", workers=1, averaging=0.9))
-    killed = _start(tmp_path / "killed", workers=1, averaging=0.9)
+    _finish(_start(tmp_path / "whole", workers=1, ema_decay=0.9))
+    killed = _start(tmp_path / "killed", workers=1, ema_decay=0.9)
     while not (tmp_path / "killed" / CHECKPOINT).exists():
         assert killed.poll() is None, killed.communicate()
         time.sleep(0.01)
     killed.send_signal(signal.SIGKILL)
     killed.communicate()
     assert not (tmp_path / "killed" / WEIGHTS).exists(), "it was over before it was killed"
-    _finish(_start(tmp_path / "killed", workers=0, averaging=0.9))
+    _finish(_start(tmp_path / "killed", workers=0, ema_decay=0.9))
     whole, resumed = (load_file(tmp_path / name / WEIGHTS) for name in ("whole", "killed"))
     assert all(torch.equal(resumed[name], tensor) for name, tensor in whole.items())
-    for name in ("step", "losses", "gradient", "rate"):
+    for name in ("step", "losses", "grad_norm", "learning_rate"):
         whole, resumed = ([line[name] for line in _lines(tmp_path / run)] for run in ("whole", "killed"))
         assert resumed == whole
 
@@ -99,7 +99,7 @@ def test_two_processes_equal_one(tmp_path, stage_weights):
         )
     for first, second in zip(_lines(tmp_path / "one"), _lines(tmp_path / "two"), strict=True):
         assert second["losses"] == pytest.approx(first["losses"], rel=1e-4)
-        assert second["gradient"] == pytest.approx(first["gradient"], rel=1e-4)
+        assert second["grad_norm"] == pytest.approx(first["grad_norm"], rel=1e-4)
 
 
 def test_a_batch_that_does_not_divide_is_refused():
@@ -109,7 +109,7 @@ def test_a_batch_that_does_not_divide_is_refused():
 
 def test_what_the_right_crop_does_not_show_weighs_less():
     planes = Planes(4)
-    recipe = replace(RECIPE, batch=1, occluded_weight=0.25)
+    recipe = replace(RECIPE, batch_size=1, occluded_weight=0.25)
     found = set()
     for _, _, disparity, weights in batches(planes, recipe, range(4), Processes(0, 1, CPU)):
         shift = int(disparity.max())
@@ -130,15 +130,15 @@ def test_what_is_far_can_weigh_less():
     sample = Planes(1)[0]
     disparity = np.where(np.arange(sample.disparity.shape[1]) % 2, np.float32(0.3), sample.disparity)
     far = replace(sample, disparity=disparity, valid=np.ones_like(sample.valid))
-    recipe = replace(RECIPE, batch=1, augment=False, occluded_weight=0.5, far_weight=0.25)
+    recipe = replace(RECIPE, batch_size=1, augment=False, occluded_weight=0.5, far_weight=0.25)
     ((*_, found, weights),) = batches([far], recipe, range(1), Processes(0, 1, CPU))
     assert set(weights[found < 0.5].tolist()) <= {0.25, 0.125}
     assert set(weights[found > 0.5].tolist()) <= {1.0, 0.5}
     assert {0.25, 1.0} <= set(weights.unique().tolist())
     with pytest.raises(AnyNetError, match=r"far_weight must be in \[0, 1\], got 2"):
         replace(RECIPE, far_weight=2)
-    with pytest.raises(AnyNetError, match=r"robust must be positive or 0, got -1"):
-        replace(RECIPE, robust=-1)
+    with pytest.raises(AnyNetError, match=r"robust_scale must be positive or 0, got -1"):
+        replace(RECIPE, robust_scale=-1)
 
 
 def test_the_loss_is_smooth_l1_over_what_trains():
@@ -153,7 +153,7 @@ def test_the_loss_is_smooth_l1_over_what_trains():
 def test_large_errors_can_count_by_their_logarithm():
     truth = torch.full((1, 1, 1, 3), 10.0)
     estimate = torch.tensor([[[[10.5, 12.5, 70.5]]]], requires_grad=True)
-    losses = stage_losses([estimate], truth, torch.ones_like(truth), torch.tensor(3.0), robust=2.0)
+    losses = stage_losses([estimate], truth, torch.ones_like(truth), torch.tensor(3.0), robust_scale=2.0)
     expected = sum(2 * math.log(1 + x / 2) for x in (0.125, 2.0, 60.0)) / 3
     torch.testing.assert_close(losses, torch.tensor([expected]))
     losses.sum().backward()
@@ -173,12 +173,12 @@ def test_the_processes_share_the_batch_of_one():
 def test_a_loss_that_is_not_finite_stops_the_run(tmp_path, monkeypatch):
     calls = []
 
-    def spoilt(self, left, right, stages):
+    def spoiled(self, left, right, stages):
         calls.append(0)
         outputs = list(self.stages(left, right))
         return [*outputs[:2], outputs[2] * float("nan"), outputs[3]] if len(calls) == 6 else outputs
 
-    monkeypatch.setattr(AnyNet, "forward", spoilt)
+    monkeypatch.setattr(AnyNet, "forward", spoiled)
     with pytest.raises(AnyNetError, match="loss of stage 3 became nan at step 6"):
         train(RECIPE, tmp_path, data=Planes(10))
     state = torch.load(tmp_path / CHECKPOINT, weights_only=True)
@@ -208,8 +208,8 @@ def test_a_folder_with_a_run_is_not_overwritten(tmp_path):
     train(recipe, tmp_path, data=Planes(4))
     with pytest.raises(AnyNetError, match="holds a run already"):
         train(recipe, tmp_path, data=Planes(4))
-    with pytest.raises(AnyNetError, match=r"rate was 0.002 when the run began, so it cannot be 0.1"):
-        train(replace(recipe, rate=0.1), tmp_path, data=Planes(4), resume=True)
+    with pytest.raises(AnyNetError, match=r"learning_rate was 0.002 when the run began, so it cannot be 0.1"):
+        train(replace(recipe, learning_rate=0.1), tmp_path, data=Planes(4), resume=True)
 
 
 def test_stage_weights_must_fit_the_network(tmp_path):
@@ -222,28 +222,26 @@ def test_stages_without_weight_neither_run_nor_change(tmp_path):
     before = AnyNet().state_dict()
     after = load_file(train(replace(RECIPE, steps=2, stage_weights=(1.0, 0.5, 0.0, 0.0)), tmp_path, data=Planes(4)))
     assert all(len(line["losses"]) == 2 for line in _lines(tmp_path))
-    for part, changes in (("cost_nets.0", True), ("cost_nets.1", True), ("cost_nets.2", False), ("refinement", False)):
+    for part, changes in (
+        ("first_stage", True),
+        ("residual_stages.0", True),
+        ("residual_stages.1", False),
+        ("refinement", False),
+    ):
         same = [torch.equal(after[name], value) for name, value in before.items() if name.startswith(part)]
         assert not any(same) if changes else all(same), part
 
 
-def test_weights_grow_into_a_larger_network(tmp_path):
-    small = train(replace(RECIPE, steps=1, network=AnyNetConfig(hourglass=1)), tmp_path / "small", data=Planes(4))
-    network = AnyNetConfig(hourglass=2, finer_costs=True, guided=True)
-    recipe = replace(RECIPE, steps=1, rate=1e-9, weights=str(small), grow=True, network=network)
-    large = train(recipe, tmp_path / "grown", data=Planes(4))
-    grown = load_checkpoint(large)
-    assert grown.config == network
+def test_partial_weights_begin_a_larger_network(tmp_path):
+    first = FirstStageConfig(hourglass=1)
+    small = train(replace(RECIPE, steps=1, network=AnyNetConfig(first_stage=first)), tmp_path / "small", data=Planes(4))
+    network = AnyNetConfig(first_stage=FirstStageConfig(hourglass=2, fine_costs=True, excitation=True))
+    recipe = replace(RECIPE, steps=1, learning_rate=1e-9, weights=str(small), load_partial=True, network=network)
+    large = load_checkpoint(train(recipe, tmp_path / "large", data=Planes(4)))
+    assert large.config == network
     for name, value in load_file(small).items():
         if "running" not in name and "num_batches" not in name:
-            torch.testing.assert_close(grown.state_dict()[name], value, rtol=0, atol=1e-7)
-    with pytest.raises(AnyNetError, match=r"grown.*expected weights of .*; the network has no finer_costs\.conv"):
-        load_checkpoint(large, into=AnyNetConfig(hourglass=1))
-    updated = load_checkpoint(large, into=replace(network, neighbours=1))
-    for part in (updated.features, updated.cost_nets[0], updated.refinement):
-        name = next(name for name, module in updated.named_modules() if module is part)
-        for one, two in zip(part.parameters(), grown.get_submodule(name).parameters(), strict=True):
-            assert torch.equal(one, two)
+            torch.testing.assert_close(large.state_dict()[name], value, rtol=0, atol=1e-7)
 
 
 def test_nothing_to_train_on(tmp_path):

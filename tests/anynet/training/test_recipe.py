@@ -15,30 +15,42 @@ from anynet.training.recipe import PRESETS, Recipe, preset
 def test_the_papers_presets():
     for name in ("paper-sceneflow", "paper-kitti"):
         recipe = PRESETS[name]
-        assert (recipe.batch, recipe.crop, recipe.rate) == (6, (256, 512), 5e-4)
+        assert (recipe.batch_size, recipe.crop_size, recipe.learning_rate) == (6, (256, 512), 5e-4)
         assert recipe.stage_weights_of(4) == (0.25, 0.5, 1.0, 1.0)
         assert not recipe.augment
     scene_flow, kitti = PRESETS["paper-sceneflow"], PRESETS["paper-kitti"]
     assert scene_flow.length(600) == 10 * 100
-    assert {scene_flow.rate_at(step, 1000) for step in range(1000)} == {5e-4}
+    assert {scene_flow.learning_rate_at(step, 1000) for step in range(1000)} == {5e-4}
     assert kitti.length(160) == 8000
-    rates = [kitti.rate_at(step, 300) for step in (0, 199, 200, 299)]
+    rates = [kitti.learning_rate_at(step, 300) for step in (0, 199, 200, 299)]
     assert rates == pytest.approx([5e-4, 5e-4, 5e-5, 5e-5])
 
 
-def test_warm_up_and_cosine():
-    recipe = Recipe(steps=1000, rate=1.0, warm_up=9)
-    rates = [recipe.rate_at(step, 1000) for step in range(1000)]
+def test_warmup_and_cosine():
+    recipe = Recipe(steps=1000, learning_rate=1.0, warmup_steps=9)
+    rates = [recipe.learning_rate_at(step, 1000) for step in range(1000)]
     assert rates[0] == pytest.approx(0.1)
     assert max(rates) == pytest.approx(1.0, abs=1e-3)
     assert rates[500] == pytest.approx(0.5)
     assert 0 < rates[-1] < 1e-5
 
 
-def test_a_stored_recipe_is_the_same():
-    network = AnyNetConfig(channels=2, ranges=((0, 23), (-3, 3), (-2, 2)))
+def test_a_stored_recipe_is_the_same(tmp_path):
+    network = AnyNetConfig().with_options({"features.channels": 2, "first_stage.range": (0, 23)})
     recipe = replace(PRESETS["kitti"], data=("kitti2015:a", "eth3d:b"), network=network, epochs=None)
-    assert Recipe.from_json(recipe.to_json()) == recipe
+    file = tmp_path / "recipe.json"
+    file.write_text(recipe.to_json())
+    assert Recipe.load(file) == recipe
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"network": {"depth": 3}}', '{"network": {}, "rate": 1e-3}'])
+def test_another_file_or_version_is_refused_in_one_line(tmp_path, text):
+    file = tmp_path / "recipe.json"
+    file.write_text(text)
+    with pytest.raises(AnyNetError, match=r"recipe\.json: expected a recipe of this version, got [^\n]*$"):
+        Recipe.load(file)
+    with pytest.raises(AnyNetError, match=r"nowhere\.json: cannot be read: No such file or directory"):
+        Recipe.load(tmp_path / "nowhere.json")
 
 
 def test_steps_replace_epochs():
@@ -59,14 +71,14 @@ def test_stage_weights_must_weigh_something(weights):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"batch": 0}, "batch must be at least 1, got 0"),
-        ({"crop": (32, 512)}, "crop must be at least 64x64, got 32x512"),
-        ({"rate": float("nan")}, "rate must be positive, got nan"),
-        ({"averaging": 1.0}, "averaging must be in"),
+        ({"batch_size": 0}, "batch_size must be at least 1, got 0"),
+        ({"crop_size": (32, 512)}, "crop_size must be at least 64x64, got 32x512"),
+        ({"learning_rate": float("nan")}, "learning_rate must be positive, got nan"),
+        ({"ema_decay": 1.0}, "ema_decay must be in"),
         ({"schedule": "linear"}, "constant, step or cosine, got 'linear'"),
         ({"input_scale": 2}, "input_scale is for weights to start from"),
-        ({"grow": True}, "grow is for weights to start from"),
-        ({"clip": -1.0}, "clip must be positive or 0, got -1.0"),
+        ({"load_partial": True}, "load_partial is for weights to start from"),
+        ({"max_grad_norm": -1.0}, "max_grad_norm must be positive or 0, got -1.0"),
     ],
 )
 def test_impossible_options(options, message):
@@ -84,14 +96,24 @@ def test_resuming_may_change_how_to_run_but_not_what_to_learn():
 def test_every_field_is_an_option(capsys, tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr("anynet.training.loop.train", lambda recipe, out, resume: asked.append(recipe) or out)
-    arguments = ["--network", "channels=2", "--stage-weights", "1", "--stage-weights", "2", "--crop", "64", "128"]
+    arguments = [
+        "--network",
+        "features.channels=2",
+        "--stage-weights",
+        "1",
+        "--stage-weights",
+        "2",
+        "--crop-size",
+        "64",
+        "128",
+    ]
     arguments += ["--data", "render:3", "--data", "render:4", "--no-augment", "--schedule", "constant", "--epochs", "3"]
     assert main(["train", "--out", str(tmp_path), *arguments]) == 0
     expected = replace(
         PRESETS["default"],
-        network=AnyNetConfig(channels=2),
+        network=AnyNetConfig().with_options({"features.channels": 2}),
         stage_weights=(1.0, 2.0),
-        crop=(64, 128),
+        crop_size=(64, 128),
         data=("render:3", "render:4"),
         augment=False,
         schedule="constant",
