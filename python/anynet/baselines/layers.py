@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.network import normalised
+from anynet.model.layers import few_channels, norm_relu
 from anynet_ext import conv3x3, conv3x3x3, resize, warp
 
 Activation = Callable[[Tensor], Tensor]
@@ -66,7 +66,7 @@ class Layer(nn.Module):
         else:
             x = self._convolution(x, self.weight, self.bias)
             if add is None and self.activation is relu:
-                return normalised(x, self.norm)
+                return norm_relu(x, self.norm)
             x = self.norm(x)
         x = x if add is None else x + add
         return x if self.activation is None else self.activation(x)
@@ -87,8 +87,7 @@ class Layer(nn.Module):
         if self.transposed:
             transposed = F.conv_transpose3d if volume else F.conv_transpose2d
             return transposed(x, weight, bias, self.stride, padding, output_padding=self.stride - 1)
-        outputs, inputs, *kernel = weight.shape
-        if set(kernel) == {3} and self.dilation == 1 and outputs <= 32 and inputs <= 64:  # else PyTorch's is faster
+        if weight.shape[-1] == 3 and self.dilation == 1 and few_channels(weight):
             return (conv3x3x3 if volume else conv3x3)(x, weight, bias, stride=self.stride)
         convolution = F.conv3d if volume else F.conv2d
         return convolution(x, weight, bias, self.stride, padding, self.dilation)
