@@ -178,7 +178,7 @@ RECIPE = Recipe(
 )
 
 
-def test_training_learns_resumes_and_measures(tmp_path):
+def test_training_learns_repeats_and_measures(tmp_path):
     samples = Shifted(4)
     path = train(RECIPE, tmp_path / "whole", data=samples, validation={"two": samples[:2]})
     assert load_baseline(path).config == BaselineConfig(model="resnet18-2d", input_scale=0.5)
