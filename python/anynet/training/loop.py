@@ -18,8 +18,8 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from anynet.baselines.model import BaselineConfig, BaselineModel
-from anynet.checkpoint import load_checkpoint, load_partial, save_checkpoint
+from anynet.baselines.model import BaselineConfig, BaselineModel, load_baseline, stored_config
+from anynet.checkpoint import find_weights, load_checkpoint, load_partial, save_checkpoint
 from anynet.data import StereoSample, open_datasets
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
@@ -106,6 +106,19 @@ def _normalized(image: Tensor) -> Tensor:
     return (image - mean) / deviation
 
 
+def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
+    """The network as the run begins with it."""
+    if recipe.model is not None:
+        return BaselineModel(BaselineConfig(model=recipe.model, input_scale=recipe.input_scale or 1))
+    if recipe.weights is None:
+        return AnyNet(recipe.network)
+    if recipe.load_partial:
+        return load_partial(recipe.weights, recipe.network)
+    if stored_config(find_weights(recipe.weights)) is not None:
+        return load_baseline(recipe.weights)
+    return load_checkpoint(recipe.weights, recipe.input_scale)
+
+
 class _Run:
     """A run at some step: model, optimizer and the running average of the weights are all its state."""
 
@@ -120,16 +133,7 @@ class _Run:
         self.recipe, self.out, self.data, self.validation, self.group = recipe, out, data, validation, group
         self.steps = recipe.length(len(data))
         torch.manual_seed(recipe.seed)
-        self.model: AnyNet | BaselineModel
-        if recipe.model is not None:
-            self.model = BaselineModel(BaselineConfig(model=recipe.model, input_scale=recipe.input_scale or 1))
-        elif recipe.weights is not None:
-            if recipe.load_partial:
-                self.model = load_partial(recipe.weights, recipe.network)
-            else:
-                self.model = load_checkpoint(recipe.weights, recipe.input_scale)
-        else:
-            self.model = AnyNet(recipe.network)
+        self.model = _begun(recipe)
         self.model.to(group.device).train()
         usual = self.model.loss_weights if isinstance(self.model, BaselineModel) else ()
         count = self.model.config.stages if isinstance(self.model, AnyNet) else len(usual)
