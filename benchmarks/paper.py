@@ -365,7 +365,10 @@ def at_scale(method: Method, scale: float) -> Method:
 
 
 def machine(work: Work) -> str:
-    return f"{platform.processor() or platform.machine()}, {work.threads} thread(s), torch {torch.__version__}"
+    info = Path("/proc/cpuinfo")  # of Linux
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{names[0] if names else platform.machine()}, {work.threads} thread(s), torch {torch.__version__}"
 
 
 def write(work: Work, name: str, figure: Any, results: dict[str, Any], text: str) -> None:

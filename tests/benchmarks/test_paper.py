@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import paper
 import pytest
+from PIL import Image
 
 from anynet.baselines import MODELS
 from anynet.data import StereoSample
 from anynet.evaluation.anytime import Curve
 from anynet.evaluation.splits import draw_splits, write_splits
-from anynet.io import read_image
 
 DATA = "render:5?height=64&width=128"
 
@@ -77,7 +77,8 @@ def test_every_command(tmp_path, monkeypatch):
     results = {}
     for command in ("table2", "fig5", "fig6", "fig7"):
         run(command)
-        assert read_image(tmp_path / "out" / f"{command}.png").shape[2] == 3
+        with Image.open(tmp_path / "out" / f"{command}.png") as image:
+            assert min(image.size) > 100
         results[command] = json.loads((tmp_path / "out" / f"{command}.json").read_text())
         text = (tmp_path / "out" / f"{command}.md").read_text()
         assert text.startswith("|" if command == "table2" else "![")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -37,8 +37,9 @@ def build(name: str, max_disparity: int = 192) -> Baseline:
     return MODELS[name](max_disparity)
 
 
-def _parameters(model: torch.nn.Module) -> int:
-    return sum(parameter.numel() for parameter in model.parameters())
+def _parameters(builder: Callable[[], Baseline]) -> int:
+    with torch.device("meta"):  # no memory, no random numbers
+        return sum(parameter.numel() for parameter in builder().parameters())
 
 
 def test_the_registry_is_tested_whole():
@@ -46,7 +47,7 @@ def test_the_registry_is_tested_whole():
 
 
 @pytest.mark.parametrize(
-    ("model", "published", "tolerance"),
+    ("builder", "published", "tolerance"),
     [
         # What the authors' program prints (JiaRenChang/PSMNet).
         (lambda: build("psmnet"), 5_224_768, 0),
@@ -57,8 +58,8 @@ def test_the_registry_is_tested_whole():
         (lambda: build("dispnetc", 160), 42_000_000, 500_000),
     ],
 )
-def test_parameters_as_published(model, published, tolerance):
-    assert abs(_parameters(model()) - published) <= tolerance
+def test_parameters_as_published(builder, published, tolerance):
+    assert abs(_parameters(builder) - published) <= tolerance
 
 
 def _weights(*layers: tuple[int, int, int], bias: bool = True) -> int:
@@ -102,27 +103,27 @@ def _weights(*layers: tuple[int, int, int], bias: bool = True) -> int:
     ],
 )
 def test_parameters_by_the_table_of_layers(name, expected):
-    assert _parameters(build(name)) == expected
+    assert _parameters(partial(build, name)) == expected
 
 
 def test_the_same_parameters_whatever_the_range_but_in_the_correlation():
     for name, small in SMALL.items():
-        difference = _parameters(build(name)) - _parameters(small())
+        difference = _parameters(partial(build, name)) - _parameters(small)
         assert difference == ((192 - 16) // 4 * 256 * 25 if name == "dispnetc" else 0), name
 
 
 @pytest.mark.parametrize("name", MODELS)
 def test_any_size_goes_in_and_comes_out(name):
     model = SMALL[name]()
-    left, right = torch.randn(2, 2, 3, 37, 75).unbind()
+    left, right = torch.randn(2, 2, 3, 19, 37).unbind()
     estimates = model(left, right)
     assert len(estimates) == len(model.loss_weights)
-    assert all(estimate.shape == (2, 1, 37, 75) and estimate.isfinite().all() for estimate in estimates)
+    assert all(estimate.shape == (2, 1, 19, 37) and estimate.isfinite().all() for estimate in estimates)
     model.eval()
     with torch.inference_mode():
         (estimate,) = model(left, right)
         (alone,) = model(left[1:], right[1:])
-    assert estimate.shape == (2, 1, 37, 75)
+    assert estimate.shape == (2, 1, 19, 37)
     torch.testing.assert_close(estimate[1:], alone, rtol=1e-3, atol=1e-3)
     with pytest.raises(AnyNetError, match=r"expected two images of one shape \[N, 3, H, W\], got"):
         model(left, right[..., :-1])
@@ -185,8 +186,10 @@ def _results(model: Baseline, left: Tensor, right: Tensor) -> tuple[set[str], li
     return recorder.called, [*estimates, *(g for g in gradients if g is not None)]
 
 
-@pytest.mark.parametrize("training", [True, False], ids=["training", "eval"])
-@pytest.mark.parametrize("name", MODELS)
+# In eval mode those with batch norms are others than in training.
+@pytest.mark.parametrize(
+    ("name", "training"), [*((name, True) for name in MODELS), ("psmnet", False), ("stereonet-8x", False)]
+)
 def test_equals_itself_in_plain_pytorch(name, training):
     torch.manual_seed(0)
     model = SMALL[name]().double().train(training)
