@@ -12,10 +12,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from measure import options
 
 from anynet.data.augment import augment
 from anynet.data.rendered import RenderedFolder, write_rendered
-from anynet.render import MIXTURE, PRESETS, render
+from anynet.synthetic import MIXTURE, PRESETS, render
 
 SIZE, CROP, SCENES = (384, 768), (256, 512), 8
 
@@ -31,6 +32,7 @@ def each(run: Callable[[int], object], count: int) -> float:
 
 
 def main() -> None:
+    options(__doc__, threads=None).parse_args()
     cv2.setNumThreads(1)
     times = {preset: each(lambda seed, p=preset: render(seed, *SIZE, preset=p), SCENES) for preset in PRESETS}
     for preset, milliseconds in times.items():

@@ -9,8 +9,6 @@ milliseconds. Operators for inference have no backward pass. The limit is the la
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -18,8 +16,7 @@ from pathlib import Path
 
 import torch
 import torch.nn.functional as F
-from measure import Limits, measure_limits, median_ms
-from rich.console import Console
+from measure import Limits, console, measure_limits, median_ms, options, write_json
 from rich.table import Table
 from torch import Tensor
 
@@ -303,13 +300,13 @@ def table(rows: list[Row], limits: Limits) -> Table:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, threads=None)
     parser.add_argument("--threads", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--only", help="kernels whose name contains this")
     parser.add_argument("--seconds", type=float, default=0.5, help="how long to repeat each call")
     parser.add_argument("--json", type=Path, help="write the rows, the limits and the build here")
     arguments = parser.parse_args()
-    console = Console()
+    out = console()
     all_rows: list[Row] = []
     all_limits: list[Limits] = []
     for threads in arguments.threads:
@@ -321,22 +318,21 @@ def main() -> None:
             if (arguments.only or "") in each.name
             for row in measure(each, limits, arguments.seconds)
         ]
-        console.print(table(rows, limits))
+        out.print(table(rows, limits))
         backward = [row for row in rows if row.kernel.endswith(", backward")]
         for name, some in (("forward", [row for row in rows if row not in backward]), ("backward", backward)):
             if not some:
                 continue
             mean = math.exp(sum(math.log(row.speedup) for row in some) / len(some))
-            console.print(f"{name}: geometric mean {mean:.1f} x torch.compile (eager where it cannot compile)")
+            out.print(f"{name}: geometric mean {mean:.1f} x torch.compile (eager where it cannot compile)")
         all_rows += rows
         all_limits.append(limits)
-    if arguments.json:
-        report = {
-            "build": anynet_ext.build_info(),
-            "limits": [asdict(limits) for limits in all_limits],
-            "rows": [asdict(row) for row in all_rows],
-        }
-        arguments.json.write_text(json.dumps(report, indent=2))
+    report = {
+        "build": anynet_ext.build_info(),
+        "limits": [asdict(limits) for limits in all_limits],
+        "rows": [asdict(row) for row in all_rows],
+    }
+    write_json(arguments.json, report)
 
 
 if __name__ == "__main__":

@@ -1,28 +1,93 @@
-"""What the benchmarks share: repeated timing, and the machine's limits measured in the same run."""
+"""What the benchmarks share: options, output, repeated timing, and the machine's limits measured in the same run."""
 
 from __future__ import annotations
 
+import argparse
+import json
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from unittest import mock
+from pathlib import Path
+from typing import Any
 
+import cv2
+import matplotlib
+import numpy as np
 import torch
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.console import Console
+from torch import Tensor
+from torch.overrides import TorchFunctionMode
 
-from anynet import network
 from anynet_ext import reference
+
+HEIGHT, WIDTH = 368, 1232  # KITTI's images, cut to multiples of 16
+WIDE = 200  # columns
+
+
+def options(documentation: str | None, *, threads: int | None = 2) -> argparse.ArgumentParser:
+    """The parser of a script's options: its documentation is the help, and `--threads` the first option."""
+    parser = argparse.ArgumentParser(description=documentation, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if threads is not None:
+        parser.add_argument("--threads", type=int, default=threads)
+    return parser
+
+
+def console() -> Console:
+    """Prints tables whole where the output is no terminal; rich would cut them to 80 columns."""
+    terminal = Console()
+    return terminal if terminal.is_terminal else Console(width=WIDE)
+
+
+def write_json(path: Path | None, report: dict[str, Any]) -> None:
+    """Where the user asked for a file."""
+    if path is not None:
+        path.write_text(json.dumps(report, indent=2) + "\n")
+
+
+def subplots(**arguments: Any) -> tuple[Figure, Any]:
+    """As of pyplot, without a display."""
+    matplotlib.use("Agg")
+    from matplotlib import pyplot  # after the backend is chosen
+
+    return pyplot.subplots(layout="constrained", **arguments)
+
+
+def pair(height: int = HEIGHT, width: int = WIDTH) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Smooth texture, the left image shifted by 20 pixels against the right one."""
+    random = np.random.default_rng(0)
+    coarse = random.integers(0, 256, (height // 8 + 2, width // 8 + 8, 3), dtype=np.uint8)
+    texture = cv2.resize(coarse, (width + 20, height), interpolation=cv2.INTER_CUBIC).astype(np.uint8)
+    return texture[:, :-20].copy(), texture[:, 20:].copy()
+
+
+def _resize(input: Tensor, height: int, width: int, **rest: Any) -> Tensor:
+    return reference.resize(input, (height, width), **rest)
+
 
 CONVOLUTIONS = ("conv3x3", "conv3x3x3")
 OPERATORS = (*CONVOLUTIONS, "batch_norm_relu", "cost_volume", "resize", "soft_argmin", "spatial_propagation", "warp")
 
 
-@contextmanager
-def plain_operators(names: Sequence[str] = OPERATORS) -> Iterator[None]:
-    """The network computes these on PyTorch's own operators."""
-    with mock.patch.multiple(network, **{name: getattr(reference, name) for name in names}):
-        yield
+class PlainOperators(TorchFunctionMode):
+    """Within this context, the operators of these names are PyTorch's own: `anynet_ext.reference`."""
+
+    def __init__(self, names: Sequence[str] = OPERATORS) -> None:
+        super().__init__()
+        self._plain = {name: _resize if name == "resize" else getattr(reference, name) for name in names}
+
+    def __torch_function__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = kwargs or {}
+        if isinstance(function, torch._ops.OpOverloadPacket):
+            function = function.default
+        if isinstance(function, torch._ops.OpOverload) and function.namespace == "anynet":
+            name = function._schema.name.removeprefix("anynet::")
+            if name in self._plain:
+                parameters = [argument.name for argument in function._schema.arguments]
+                return self._plain[name](**dict(zip(parameters, args, strict=False)), **kwargs)
+        return function(*args, **kwargs)
 
 
 def median_ms(function: Callable[[], object], seconds: float = 0.5, least: int = 7) -> float:

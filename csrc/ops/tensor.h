@@ -35,8 +35,9 @@ template <class... Parts>
   throw std::runtime_error(s.str());
 }
 
-/// Defines an operator; ANYNET_SCHEMA(m, "warp(Tensor image, Tensor disparity) -> Tensor")
-#define ANYNET_SCHEMA(m, schema) m.def(schema, {at::Tag::pt2_compliant_tag})
+/// Defines an operator; ANYNET_SCHEMA(m, "warp(Tensor image, Tensor disparity) -> Tensor"). Tags (pt2_compliant_tag)
+/// want torch 2.12, and matter only to those who set torch._dynamo.config.only_allow_pt2_compliant_ops.
+#define ANYNET_SCHEMA(m, schema) m.def(schema)
 
 /// ANYNET_CHECK(condition, "warp: image must be ..., got ", shape(image))
 #define ANYNET_CHECK(condition, ...) \

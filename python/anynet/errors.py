@@ -3,3 +3,8 @@
 
 class AnyNetError(ValueError):
     """A file, an image or an option is not usable; the message says in one line what was expected and what came."""
+
+
+def one_line(error: BaseException) -> str:
+    """What an error of another library says, on one line of bearable length."""
+    return " ".join(str(error).split())[:200] or type(error).__name__

@@ -1,27 +1,43 @@
-"""Pictures of disparity maps: in colours with a legend, the stages side by side, the error against ground truth."""
+"""Images of disparity maps: in colors with a color bar, the stages side by side, the error against ground truth."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
 
-import matplotlib
+import cv2
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-Picture = npt.NDArray[np.uint8]  # [H, W, 3] RGB
+RGBImage = npt.NDArray[np.uint8]  # [H, W, 3] RGB
 Map = npt.NDArray[np.float32]  # [H, W], NaN where unknown
 Limits = tuple[float, float]
 
-UNKNOWN = (128, 128, 128)  # grey: no colour of the maps below
+UNKNOWN = (128, 128, 128)  # gray: no color of the maps below
 _BACKGROUND = (255, 255, 255)
 _INK = (0, 0, 0)
+# ColorBrewer's diverging scale of eleven colors.
+_BLUE_TO_RED = np.array(
+    [
+        (49, 54, 149),
+        (69, 117, 180),
+        (116, 173, 209),
+        (171, 217, 233),
+        (224, 243, 248),
+        (255, 255, 191),
+        (254, 224, 144),
+        (253, 174, 97),
+        (244, 109, 67),
+        (215, 48, 39),
+        (165, 0, 38),
+    ]
+)
 _WORST = 6.0  # pixels of error where the scale ends; its middle is D1's and bad-3's threshold
 
 
 def limits_of(values: Map) -> Limits:
-    """The range that the colours should span: all known values but 1 % at either end; (0, 1) if nothing is known."""
+    """The range that the colors should span: all known values but 1 % at either end; (0, 1) if nothing is known."""
     known = values[np.isfinite(values)]
     if known.size == 0:
         return 0.0, 1.0
@@ -29,38 +45,38 @@ def limits_of(values: Map) -> Limits:
     return low, max(high, low + 1e-3)
 
 
-def colour(values: Map, limits: Limits, scale: str = "turbo") -> Picture:
-    """Values [H, W] as colours of a matplotlib colour map, its ends at `limits`; grey where not finite."""
+def colorize(values: Map, limits: Limits, colormap: str = "turbo") -> RGBImage:
+    """Values [H, W] as colors of a color map ("turbo", "blue-red"), its ends at `limits`; gray where not finite."""
     low, high = limits
     known = np.isfinite(values)
     levels = np.where(known, (values - low) * (255 / (high - low)), 0).clip(0, 255).astype(np.uint8)
-    picture = _table(scale)[levels]
-    picture[~known] = UNKNOWN
-    return picture
+    image = _table(colormap)[levels]
+    image[~known] = UNKNOWN
+    return image
 
 
-def picture_of(disparity: Map, limits: Limits | None = None) -> Picture:
-    """A disparity map in colours (blue: far, red: near), with its legend to the right."""
+def disparity_image(disparity: Map, limits: Limits | None = None) -> RGBImage:
+    """A disparity map in colors (blue: far, red: near), with its color bar to the right."""
     limits = limits or limits_of(disparity)
-    return np.hstack([colour(disparity, limits), legend(len(disparity), limits, "px", "turbo")])
+    return np.hstack([colorize(disparity, limits), colorbar(len(disparity), limits, "px", "turbo")])
 
 
-def error_picture(disparity: Map, truth: Map) -> Picture:
-    """|disparity - truth| in colours (blue: right, red: 6 px or more off; grey: no ground truth), with its legend."""
+def error_image(disparity: Map, truth: Map) -> RGBImage:
+    """|disparity - truth| in colors (blue: right, red: 6 px or more off; gray: no ground truth), with its color bar."""
     limits = (0.0, _WORST)
     errors = np.abs(disparity - truth)
-    return np.hstack([colour(errors, limits, "RdYlBu_r"), legend(len(errors), limits, "px off", "RdYlBu_r")])
+    return np.hstack([colorize(errors, limits, "blue-red"), colorbar(len(errors), limits, "px off", "blue-red")])
 
 
-def legend(height: int, limits: Limits, unit: str, scale: str) -> Picture:
-    """A strip of the colours with their values, and the colour of unknown, as high as the image it stands beside."""
+def colorbar(height: int, limits: Limits, unit: str, colormap: str) -> RGBImage:
+    """A strip of the colors with their values, and the color of unknown, as high as the image it stands beside."""
     size = max(9, min(14, height // 12))
     font = ImageFont.load_default(size)
     strip = Image.new("RGB", (7 * size, height), _BACKGROUND)
     draw = ImageDraw.Draw(strip)
     top, bottom = 2 * size, max(2 * size + 1, height - 3 * size)
     ramp = np.linspace(limits[1], limits[0], bottom - top, dtype=np.float32)[:, None].repeat(size, axis=1)
-    strip.paste(Image.fromarray(colour(ramp, limits, scale)), (size // 2, top))
+    strip.paste(Image.fromarray(colorize(ramp, limits, colormap)), (size // 2, top))
     draw.text((size // 2, size), unit, _INK, font, anchor="lm")
     for share in (0, 0.25, 0.5, 0.75, 1) if bottom - top > 6 * size else (0, 1):
         value = limits[0] + share * (limits[1] - limits[0])
@@ -72,43 +88,44 @@ def legend(height: int, limits: Limits, unit: str, scale: str) -> Picture:
     return np.asarray(strip)
 
 
-def panels(pictures: Sequence[tuple[str, Picture]], columns: int = 2) -> Picture:
-    """Titled pictures in rows of `columns`, each column as wide as its widest picture."""
+def panels(images: Sequence[tuple[str, RGBImage]], columns: int = 2) -> RGBImage:
+    """Titled images in rows of `columns`, each column as wide as its widest image."""
     font = ImageFont.load_default(16)
     gap, title = 8, 26
-    rows = [pictures[start : start + columns] for start in range(0, len(pictures), columns)]
-    widths = [max(row[c][1].shape[1] for row in rows if c < len(row)) for c in range(min(columns, len(pictures)))]
-    heights = [title + max(picture.shape[0] for _, picture in row) for row in rows]
+    rows = [images[start : start + columns] for start in range(0, len(images), columns)]
+    widths = [max(row[c][1].shape[1] for row in rows if c < len(row)) for c in range(min(columns, len(images)))]
+    heights = [title + max(image.shape[0] for _, image in row) for row in rows]
     size = (sum(widths) + gap * (len(widths) + 1), sum(heights) + gap * (len(heights) + 1))
     canvas = Image.new("RGB", size, _BACKGROUND)
     draw = ImageDraw.Draw(canvas)
     y = gap
     for row, height in zip(rows, heights, strict=True):
         x = gap
-        for (name, picture), width in zip(row, widths, strict=False):
+        for (name, image), width in zip(row, widths, strict=False):
             draw.text((x, y + title // 2), name, _INK, font, anchor="lm")
-            canvas.paste(Image.fromarray(picture), (x, y + title))
+            canvas.paste(Image.fromarray(image), (x, y + title))
             x += width + gap
         y += height + gap
     return np.asarray(canvas)
 
 
-def stages_picture(left: Picture, stages: Sequence[tuple[str, Map]], truth: Map | None = None) -> Picture:
-    """The left image and every stage in the same colours; if known, the ground truth and the first and last errors."""
+def stages_image(left: RGBImage, stages: Sequence[tuple[str, Map]], truth: Map | None = None) -> RGBImage:
+    """The left image and every stage in the same colors; if known, the ground truth and the first and last errors."""
     limits = limits_of(stages[-1][1] if truth is None else truth)
-    pictures = [("left image", left)]
+    images = [("left image", left)]
     if truth is not None:
-        pictures.append(("ground truth", picture_of(truth, limits)))
-    pictures += [(title, picture_of(disparity, limits)) for title, disparity in stages]
+        images.append(("ground truth", disparity_image(truth, limits)))
+    images += [(title, disparity_image(disparity, limits)) for title, disparity in stages]
     if truth is not None:
-        pictures += [
-            (f"error of {title}", error_picture(disparity, truth)) for title, disparity in (stages[0], stages[-1])
-        ]
-    return panels(pictures)
+        images += [(f"error of {title}", error_image(disparity, truth)) for title, disparity in (stages[0], stages[-1])]
+    return panels(images)
 
 
 @cache
-def _table(scale: str) -> npt.NDArray[np.uint8]:
-    """The colour map's 256 colours, [256, 3]."""
-    colours: npt.NDArray[np.float64] = matplotlib.colormaps[scale](np.arange(256))
-    return np.round(255 * colours[:, :3]).astype(np.uint8)
+def _table(colormap: str) -> npt.NDArray[np.uint8]:
+    """The color map's 256 colors, [256, 3]."""
+    levels = np.arange(256, dtype=np.uint8)
+    if colormap == "turbo":
+        return np.ascontiguousarray(cv2.applyColorMap(levels[None], cv2.COLORMAP_TURBO)[0, :, ::-1], np.uint8)
+    places = np.linspace(0, 255, len(_BLUE_TO_RED))
+    return np.stack([np.interp(levels, places, channel).round() for channel in _BLUE_TO_RED.T], -1).astype(np.uint8)

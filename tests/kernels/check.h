@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "../../csrc/kernels/common/affine_relu.h"
+#include "../../csrc/kernels/common/half.h"
 #include "../../csrc/kernels/common/isa.h"
 #include "../../csrc/kernels/common/tensor.h"
 
@@ -30,17 +31,8 @@ template <class T>
 double to_double(T a) {
   return static_cast<double>(a);
 }
-inline double to_double(anynet::float16 a) {
-  _Float16 f;
-  __builtin_memcpy(&f, &a, sizeof(f));
-  return static_cast<double>(f);
-}
-inline double to_double(anynet::bfloat16 a) {
-  const uint32_t bits = static_cast<uint32_t>(a.bits) << 16;
-  float f;
-  __builtin_memcpy(&f, &bits, sizeof(f));
-  return f;
-}
+inline double to_double(anynet::float16 a) { return anynet::to_float(a); }
+inline double to_double(anynet::bfloat16 a) { return anynet::to_float(a); }
 
 template <class T>
 T from_double(double a) {
@@ -48,17 +40,11 @@ T from_double(double a) {
 }
 template <>
 inline anynet::float16 from_double<anynet::float16>(double a) {
-  const _Float16 f = static_cast<_Float16>(a);
-  anynet::float16 h;
-  __builtin_memcpy(&h, &f, sizeof(h));
-  return h;
+  return anynet::to_float16(static_cast<float>(a));
 }
 template <>
-inline anynet::bfloat16 from_double<anynet::bfloat16>(double a) {  // cut off: any value will do as input
-  const float f = static_cast<float>(a);
-  uint32_t bits;
-  __builtin_memcpy(&bits, &f, sizeof(bits));
-  return {static_cast<uint16_t>(bits >> 16)};
+inline anynet::bfloat16 from_double<anynet::bfloat16>(double a) {
+  return anynet::to_bfloat16(static_cast<float>(a));
 }
 
 /// The largest relative error (absolute below 1) that a result of type T may have.

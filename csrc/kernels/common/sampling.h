@@ -87,7 +87,7 @@ class Windowed {
     static_assert(n <= Positions<A>::neighbors);
     const A* p = row + low_ + move - (n - 1);
     const vec<A> first = load(p), second = load(p + lanes<A>);
-    for (int i = 0; i < n; ++i) out[i] = __builtin_shuffle(first, second, select_ + (n - 1 - i));
+    for (int i = 0; i < n; ++i) out[i] = shuffle<A>(first, second, select_ + (n - 1 - i));
   }
 
  private:

@@ -47,7 +47,7 @@ int64_t vector_start(int64_t index, int64_t width, int64_t columns = lanes<T>) {
 /// The even or the odd elements of two vectors.
 template <class T, int odd, int... I>
 ANYNET_INLINE vec<T> deinterleave(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
-  return __builtin_shufflevector(a, b, (2 * I + odd)...);
+  return shuffle<(2 * I + odd)...>(a, b);
 }
 
 /// The even and the odd columns of a row apart, each through `f`.

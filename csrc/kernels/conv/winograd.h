@@ -119,7 +119,7 @@ Vector<T> pack_transformed(const Geometry& g, const Weight& weight) {
 /// Interleaves the first or the second halves of two vectors.
 template <class T, int half, int... I>
 ANYNET_INLINE vec<T> interleave(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
-  return __builtin_shufflevector(a, b, (half * lanes<T> / 2 + I / 2 + I % 2 * lanes<T>)...);
+  return shuffle<(half * lanes<T> / 2 + I / 2 + I % 2 * lanes<T>)...>(a, b);
 }
 
 /// The pixels of a vector of tiles, `x` columns to the right of `rows`. left, right: the first column, or the

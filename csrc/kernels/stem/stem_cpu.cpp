@@ -18,8 +18,8 @@ ANYNET_INLINE bits deinterleave_by_3(const bits (&v)[3], int first, std::integer
   constexpr int n = sizeof...(I);
   const auto pick = [&](auto offset) {
     constexpr int k = decltype(offset)::value;
-    const bits two = __builtin_shufflevector(v[0], v[1], (3 * I + k < 2 * n ? 3 * I + k : 0)...);
-    return __builtin_shufflevector(two, v[2], (3 * I + k < 2 * n ? I : 3 * I + k - n)...);
+    const bits two = shuffle<(3 * I + k < 2 * n ? 3 * I + k : 0)...>(v[0], v[1]);
+    return shuffle<(3 * I + k < 2 * n ? I : 3 * I + k - n)...>(two, v[2]);
   };
   return first == 0   ? pick(std::integral_constant<int, 0>{})
          : first == 1 ? pick(std::integral_constant<int, 1>{})

@@ -21,8 +21,8 @@ void add_upsampled(const T* line, int64_t ratio, int64_t count, T* __restrict su
     vec<T> left, right, at = fraction;
     if constexpr (Ratio < lanes<T>) {
       const vec<T> both = load(from), next = load(from + 1);
-      left = __builtin_shufflevector(both, both, (I / Ratio)...);
-      right = __builtin_shufflevector(next, next, (I / Ratio)...);
+      left = shuffle<(I / Ratio)...>(both, both);
+      right = shuffle<(I / Ratio)...>(next, next);
     } else {
       left = splat(from[0]), right = splat(from[1]);
       at += static_cast<T>(x % ratio) * each;

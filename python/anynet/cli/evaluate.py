@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from anynet.cli.told import telling_warnings
 from anynet.errors import AnyNetError
 
 
@@ -30,6 +31,7 @@ class Region(str, Enum):
     background = "background"
 
 
+@telling_warnings
 def evaluate(
     data: Annotated[list[str], typer.Option(help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...]; repeatable.")],
     weights: Annotated[
@@ -63,7 +65,7 @@ def evaluate(
         cv2.setNumThreads(threads)
     methods: list[tuple[str, Method]] = []
     for name in weights or ([] if method else ["default"]):
-        methods.append((name, Predictor(name, threads, input_scale).stages))
+        methods.append((name, Predictor(name, threads=threads, input_scale=input_scale).stages))
     for choice in method or []:
         methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))
     datasets = [open_dataset(spec) for spec in data]

@@ -1,6 +1,6 @@
 """Data sets: every one is a sequence of StereoSample."""
 
 from anynet.data.registry import open_dataset, open_datasets
-from anynet.data.sample import Dataset, StereoSample
+from anynet.samples import Dataset, RenderedSample, StereoSample
 
-__all__ = ["Dataset", "StereoSample", "open_dataset", "open_datasets"]
+__all__ = ["Dataset", "RenderedSample", "StereoSample", "open_dataset", "open_datasets"]

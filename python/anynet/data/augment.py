@@ -9,16 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from anynet.data.sample import StereoSample
 from anynet.errors import AnyNetError
-from anynet.render import MAX_DISPARITY, RenderedSample
+from anynet.samples import MAX_DISPARITY, RenderedSample, StereoSample
 
 Rng = np.random.Generator
 Image = NDArray[np.uint8]
 
 
-def _cut(sample: StereoSample, window: tuple[slice, slice]) -> StereoSample:
-    """The same window of every picture and mask."""
+def _crop(sample: StereoSample, window: tuple[slice, slice]) -> StereoSample:
+    """The same window of every image and mask."""
     parts: dict[str, Any] = {}
     for entry in (f.name for f in fields(StereoSample)):
         value = getattr(sample, entry)
@@ -34,9 +33,9 @@ def _window(shape: tuple[int, ...], size: tuple[int, int], rng: Rng, name: str) 
 
 
 def random_crop(sample: StereoSample, size: tuple[int, int], rng: Rng) -> StereoSample:
-    """A random window of `size` (height, width), the same in both views. The result's `noc` is what is `seen`."""
-    part = _cut(sample, _window(sample.disparity.shape, size, rng, sample.name))
-    return replace(part, noc=seen(part))
+    """A random window of `size` (height, width), the same in both views. The result's `noc` is `non_occluded`."""
+    part = _crop(sample, _window(sample.disparity.shape, size, rng, sample.name))
+    return replace(part, noc=non_occluded(part))
 
 
 def mirrored(sample: RenderedSample) -> StereoSample:
@@ -57,10 +56,10 @@ def _rescaled(sample: StereoSample, size: tuple[int, int], scale: float, rng: Rn
     height, width = size
     shape = sample.disparity.shape
     source = min(shape[0], max(1, round(height / scale))), min(shape[1], max(1, round(width / scale)))
-    part = _cut(sample, _window(shape, source, rng, sample.name))
+    part = _crop(sample, _window(shape, source, rng, sample.name))
     ratio = width / source[1]
 
-    def picture(image: Image) -> Image:
+    def resized(image: Image) -> Image:
         return cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR).astype(np.uint8, copy=False)
 
     def mask(flags: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
@@ -70,8 +69,8 @@ def _rescaled(sample: StereoSample, size: tuple[int, int], scale: float, rng: Rn
 
     disparity = cv2.resize(np.ascontiguousarray(part.disparity), (width, height), interpolation=cv2.INTER_NEAREST)
     return StereoSample(
-        left=picture(part.left),
-        right=picture(part.right),
+        left=resized(part.left),
+        right=resized(part.right),
         disparity=disparity.astype(np.float32, copy=False) * np.float32(ratio),
         valid=mask(np.ascontiguousarray(part.valid)),  # type: ignore[arg-type]
         noc=mask(None if part.noc is None else np.ascontiguousarray(part.noc)),
@@ -81,7 +80,7 @@ def _rescaled(sample: StereoSample, size: tuple[int, int], scale: float, rng: Rn
 
 
 def _photometric(images: tuple[Image, Image], rng: Rng) -> tuple[Image, Image]:
-    """Exposure, gamma, contrast and colour, mostly shared by the eyes, partly each its own; channels permuted."""
+    """Exposure, gamma, contrast and color, mostly shared by the views, partly each its own; channels permuted."""
     order = rng.permutation(3) if rng.random() < 0.5 else np.arange(3)
     gain, gamma, contrast = np.exp(rng.normal(0, 0.18)), np.exp(rng.normal(0, 0.2)), rng.uniform(0.7, 1.2)
     apart = rng.choice([0.0, 1.0, 2.0], p=[0.5, 0.4, 0.1])
@@ -99,7 +98,7 @@ def _photometric(images: tuple[Image, Image], rng: Rng) -> tuple[Image, Image]:
 
 
 def _occlude(right: Image, rng: Rng) -> NDArray[np.bool_]:
-    """Hides up to two patches of the right view behind its mean colour or another part of it; returns where."""
+    """Hides up to two patches of the right view behind its mean color or another part of it; returns where."""
     height, width = right.shape[:2]
     hidden = np.zeros((height, width), np.bool_)
     for _ in range(rng.integers(1, 3)):
@@ -114,8 +113,8 @@ def _occlude(right: Image, rng: Rng) -> NDArray[np.bool_]:
     return hidden
 
 
-def seen(sample: StereoSample, hidden: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
-    """Which left pixels the right picture shows: those of `noc` whose match lies inside, and is not `hidden` there.
+def non_occluded(sample: StereoSample, hidden: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Which left pixels the right image shows: those of `noc` whose match lies inside, and is not `hidden` there.
 
     Where the sample does not tell `noc`, all points count as seen by the right camera.
     """
@@ -141,8 +140,8 @@ def augment(
     """A random crop (height, width) of the pair, changed at random in ways that keep it a proper pair.
 
     Scale by a factor from `scales`, log-uniform (no smaller than the crop allows); upside down; for rendered pairs
-    also mirrored with the eyes exchanged; exposure and colour per eye; with probability `occluders`, patches of the
-    right view hidden (their truth stays: the network learns to fill in). The result's `noc` is what is `seen`.
+    also mirrored with the views exchanged; exposure and color per view; with probability `occluders`, patches of the
+    right view hidden (their truth stays: the network learns to fill in). The result's `noc` is `non_occluded`.
     """
     if isinstance(sample, RenderedSample) and rng.random() < 0.5:
         sample = mirrored(sample)
@@ -155,7 +154,7 @@ def augment(
         images = _photometric(images, rng)
     hidden = _occlude(images[1], rng) if rng.random() < occluders else None
     valid = sample.valid & (sample.disparity < MAX_DISPARITY)
-    noc = valid & seen(sample, hidden)
+    noc = valid & non_occluded(sample, hidden)
     flip = slice(None, None, -1 if rng.random() < 0.2 else 1)
     return StereoSample(
         left=images[0][flip],

@@ -1,6 +1,6 @@
 """KITTI 2012 and 2015 stereo (https://www.cvlibs.net/datasets/kitti): whole or partial training sets.
 
-Left is camera 2 (2015: image_2) or 0 (2012: colored_0, or the grey image_0). Truth is that of frame *_10, `occ` (all
+Left is camera 2 (2015: image_2) or 0 (2012: colored_0, or the gray image_0). Truth is that of frame *_10, `occ` (all
 known pixels) or `noc` (those that the right camera sees too).
 """
 
@@ -25,7 +25,7 @@ def kitti2015(root: str | Path, truth: str = "noc", split: str | None = None, wi
 
 
 def kitti2012(root: str | Path, truth: str = "noc", split: str | None = None, without: str | None = None) -> PairFiles:
-    """As `kitti2015`; colour images where they are present, else grey ones."""
+    """As `kitti2015`; color images where they are present, else gray ones."""
     return _kitti("kitti2012", root, truth, split, without, [("colored_0", "colored_1"), ("image_0", "image_1")], "")
 
 

@@ -7,22 +7,15 @@ from collections.abc import Callable, Sequence
 from anynet.data.custom import folders, table
 from anynet.data.kitti import kitti2012, kitti2015
 from anynet.data.middlebury import eth3d, middlebury2001, middlebury2003, middlebury2006, middlebury2014
-from anynet.data.sample import Concatenation, Dataset
+from anynet.data.rendered import Rendered, RenderedFolder
 from anynet.data.scene_flow import scene_flow
 from anynet.errors import AnyNetError
+from anynet.samples import Concatenation, Dataset
 
 Options = dict[str, str]
 
 
-def _rendered(root: str, options: Options) -> Dataset:
-    from anynet.data.rendered import RenderedFolder  # the renderer's samples are samples of this package
-
-    return RenderedFolder(root, **options)
-
-
 def _render(count: str, options: Options) -> Dataset:
-    from anynet.data.rendered import Rendered
-
     return Rendered(int(count), **{key: int(value) for key, value in options.items()})
 
 
@@ -31,7 +24,7 @@ def _files(load: Callable[..., Dataset]) -> Callable[[str, Options], Dataset]:
 
 
 OPENERS: dict[str, Callable[[str, Options], Dataset]] = {
-    "rendered": _rendered,
+    "rendered": _files(RenderedFolder),
     "render": _render,
     "kitti2012": _files(kitti2012),
     "kitti2015": _files(kitti2015),

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from anynet.data.sample import Dataset
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder, write_atomically
-from anynet.render import MAX_DISPARITY, RenderedSample, render
+from anynet.samples import MAX_DISPARITY, Dataset, RenderedSample
+from anynet.synthetic import render
 
 SCALE = 256  # stored disparities are uint16, in 1/256 pixel
 

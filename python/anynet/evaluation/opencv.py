@@ -8,14 +8,15 @@ from time import perf_counter
 import cv2
 import numpy as np
 
-from anynet.evaluation.evaluate import MAX_DISPARITY, Image
+from anynet.evaluation.evaluate import Image
 from anynet.predictor import Estimate
+from anynet.samples import MAX_DISPARITY
 
 _RANGE = int(MAX_DISPARITY)
 
 
 def bm(left: Image, right: Image) -> Iterator[Estimate]:
-    """cv2.StereoBM on grey images, blocks of 15x15 pixels."""
+    """cv2.StereoBM on gray images, blocks of 15x15 pixels."""
     start = perf_counter()
     left, right = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right))  # type: ignore[assignment]
     yield _match(cv2.StereoBM.create(numDisparities=_RANGE, blockSize=15), left, right, start)

@@ -11,7 +11,7 @@ import numpy as np
 
 from anynet.data import StereoSample
 from anynet.evaluation.evaluate import Evaluation, Method
-from anynet.visualize import Picture, stages_picture
+from anynet.visualize import RGBImage, stages_image
 
 Results = dict[tuple[str, str, str], Evaluation]
 """By method, data set and region."""
@@ -71,7 +71,7 @@ def splits_markdown(splits: Sequence[Evaluation]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def figure(method: Method, sample: StereoSample) -> Picture:
+def figure(method: Method, sample: StereoSample) -> RGBImage:
     """Panels as in the paper's Fig. 5: left image, ground truth, every stage, errors of the first and last stage."""
     stages = [(f"stage {e.stage}, {e.elapsed_ms:.0f} ms", e.disparity) for e in method(sample.left, sample.right)]
-    return stages_picture(sample.left, stages, np.where(sample.valid, sample.disparity, np.float32(np.nan)))
+    return stages_image(sample.left, stages, np.where(sample.valid, sample.disparity, np.float32(np.nan)))

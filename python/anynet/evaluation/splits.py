@@ -14,10 +14,10 @@ def write_splits(names: Sequence[str], folder: Path, count: int = 5, share: floa
     Data sets take such a file as `split` (only these) and as `without` (all but these).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    dice = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     files = []
     for number in range(count):
-        chosen = sorted(dice.permutation(list(names))[: round(share * len(names))])
+        chosen = sorted(rng.permutation(list(names))[: round(share * len(names))])
         files.append(folder / f"split{number}.txt")
         files[-1].write_text("".join(f"{name}\n" for name in chosen))
     return files

@@ -60,19 +60,27 @@ class RunLog:
         if self._events is not None:
             self._events.close()
 
-    def step(self, step: int, losses: list[float], gradient: float, rate: float, seconds: float, waited: float) -> None:
+    def step(
+        self, step: int, losses: list[float], grad_norm: float, learning_rate: float, seconds: float, waited: float
+    ) -> None:
         """Step number `step` (from 1) is done.
 
-        losses: of each stage, in pixels; gradient: its norm; seconds: what it took, `waited` of them for its data.
+        losses: of each stage, in pixels; seconds: what it took, `waited` of them for its data.
         """
-        self._recent.append([*losses, gradient, seconds, waited])
+        self._recent.append([*losses, grad_norm, seconds, waited])
         described = "loss " + " ".join(f"{loss:.2f}" for loss in losses)
         self._progress.update(self._task, completed=step, description=described)
         if step % self._every and step != self._steps:
             return
-        *losses, gradient, seconds, waited = (round(fmean(column), 4) for column in zip(*self._recent, strict=True))
+        *losses, grad_norm, seconds, waited = (round(fmean(column), 4) for column in zip(*self._recent, strict=True))
         self._recent.clear()
-        line = {"losses": losses, "gradient": gradient, "rate": rate, "seconds": seconds, "waited": waited}
+        line = {
+            "losses": losses,
+            "grad_norm": grad_norm,
+            "learning_rate": learning_rate,
+            "seconds": seconds,
+            "waited": waited,
+        }
         self._write({"step": step, **line})
         if not self._console.is_terminal:
             left = timedelta(seconds=round(seconds * (self._steps - step)))
@@ -81,8 +89,8 @@ class RunLog:
         if self._events is not None:
             for stage, loss in enumerate(losses, 1):
                 self._events.add_scalar(f"loss/stage {stage}", loss, step)
-            self._events.add_scalar("gradient", gradient, step)
-            self._events.add_scalar("rate", rate, step)
+            self._events.add_scalar("grad_norm", grad_norm, step)
+            self._events.add_scalar("learning_rate", learning_rate, step)
 
     def validation(self, step: int, results: dict[str, Evaluation]) -> None:
         """Measured after `step`, by data set."""

@@ -1,4 +1,4 @@
-"""The training loop: data, loss, optimiser, log, checkpoints."""
+"""The training loop: data, loss, optimizer, log, checkpoints."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from anynet.checkpoint import load_checkpoint, save_checkpoint
+from anynet.checkpoint import load_checkpoint, load_partial, save_checkpoint
 from anynet.data import StereoSample, open_datasets
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
 from anynet.io.files import make_folder, write_atomically
-from anynet.network import MEAN, STD, AnyNet
+from anynet.model.anynet import AnyNet
+from anynet.model.config import MEAN, STD
 from anynet.predictor import Predictor
 from anynet.training.batches import batches
-from anynet.training.distributed import Processes, process_group, synchronise_batch_norm
+from anynet.training.distributed import Processes, process_group, synchronize_batch_norm
 from anynet.training.log import RunLog
 from anynet.training.loss import loss_weights, stage_losses
 from anynet.training.recipe import Recipe
@@ -46,8 +47,8 @@ def train(
 ) -> Path:
     """Trains a network; returns the file of its weights, `out`/weights.safetensors.
 
-    The folder `out` also gets recipe.json, log.jsonl (one line per `log_every` steps: losses in pixels, rate, norm of
-    the gradient, seconds) and checkpoint.pt, from which a run that was interrupted goes on.
+    The folder `out` also gets recipe.json, log.jsonl (one line per `log_every` steps: losses in pixels, learning rate,
+    norm of the gradient, seconds) and checkpoint.pt, from which a run that was interrupted goes on.
 
     Args:
         recipe: what to do.
@@ -69,10 +70,10 @@ def train(
         validation = {name: open_datasets([name]) for name in recipe.validation}
     if not len(data):
         raise AnyNetError("no pairs to train on")
-    with process_group(recipe.device) as group, _locked(out) if group.first else nullcontext():
-        if group.first:
+    with process_group(recipe.device) as group, _locked(out) if group.is_main else nullcontext():
+        if group.is_main:
             _begin(recipe, out, resume)
-        group.wait()
+        group.barrier()
         return _Run(recipe, out, data, validation, group).go()
 
 
@@ -94,18 +95,18 @@ def _begin(recipe: Recipe, out: Path, resume: bool) -> None:
     if stored.exists():
         if not resume:
             raise AnyNetError(f"{out} holds a run already: resume it, or choose another folder")
-        Recipe.from_json(stored.read_text()).check_resumed(recipe)
+        Recipe.load(stored).check_resumed(recipe)
     write_atomically(stored, recipe.to_json().encode())
 
 
-def _normalised(image: Tensor) -> Tensor:
+def _normalized(image: Tensor) -> Tensor:
     """RGB uint8 [N,3,H,W] -> the network's input."""
     mean, deviation = (255 * torch.tensor(values, device=image.device).view(3, 1, 1) for values in (MEAN, STD))
     return (image - mean) / deviation
 
 
 class _Run:
-    """A run at some step: model, optimiser and the running average of the weights are all its state."""
+    """A run at some step: model, optimizer and the running average of the weights are all its state."""
 
     def __init__(
         self,
@@ -119,22 +120,24 @@ class _Run:
         self.steps = recipe.length(len(data))
         torch.manual_seed(recipe.seed)
         if recipe.weights is not None:
-            into = recipe.network if recipe.grow else None
-            self.model = load_checkpoint(recipe.weights, recipe.input_scale, into=into)
+            if recipe.load_partial:
+                self.model = load_partial(recipe.weights, recipe.network)
+            else:
+                self.model = load_checkpoint(recipe.weights, recipe.input_scale)
         else:
             self.model = AnyNet(recipe.network)
         self.model.to(group.device).train()
         weights = recipe.stage_weights_of(self.model.config.stages)
         self.stages = max(stage for stage, weight in enumerate(weights, 1) if weight > 0)
         self.stage_weights = torch.tensor(weights[: self.stages], device=group.device)
-        averaging = get_ema_multi_avg_fn(recipe.averaging)  # type: ignore[no-untyped-call]
+        averaging = get_ema_multi_avg_fn(recipe.ema_decay)  # type: ignore[no-untyped-call]
         self.average = AveragedModel(self.model, multi_avg_fn=averaging, use_buffers=True)
         self.parallel: nn.Module = self.model
-        if group.count > 1:
-            synchronise_batch_norm(self.model, group.device)
+        if group.world_size > 1:
+            synchronize_batch_norm(self.model, group.device)
             unused = self.stages < self.model.config.stages
             self.parallel = DistributedDataParallel(self.model, broadcast_buffers=False, find_unused_parameters=unused)
-        self.optimizer = torch.optim.Adam(self.model.parameters(), recipe.rate, fused=True)
+        self.optimizer = torch.optim.Adam(self.model.parameters(), recipe.learning_rate, fused=True)
         self.step = 0
         if (out / CHECKPOINT).exists():
             self._restore()
@@ -143,55 +146,57 @@ class _Run:
         recipe = self.recipe
         loader = iter(batches(self.data, recipe, range(self.step, self.steps), self.group))
         validate_every = recipe.validate_every or self.steps
-        path = self.out / LOG if self.group.first else None
-        events = self.out / "tensorboard" if self.group.first and recipe.tensorboard else None
+        path = self.out / LOG if self.group.is_main else None
+        events = self.out / "tensorboard" if self.group.is_main and recipe.tensorboard else None
         with RunLog(path, self.step, self.steps, recipe.log_every, events) as log:
             while self.step < self.steps:
                 began = time.perf_counter()
                 batch = next(loader)
                 waited = time.perf_counter() - began
-                losses, norm = self._update(batch)
-                rate = self.optimizer.param_groups[0]["lr"]
-                log.step(self.step, losses, norm, rate, time.perf_counter() - began, waited)
-                if not self.group.first:
+                losses, grad_norm = self._update(batch)
+                learning_rate = self.optimizer.param_groups[0]["lr"]
+                log.step(self.step, losses, grad_norm, learning_rate, time.perf_counter() - began, waited)
+                if not self.group.is_main:
                     continue
                 last = self.step == self.steps
                 if last or self.step % recipe.checkpoint_every == 0:
                     self._save()
                 if self.validation and (last or self.step % validate_every == 0):
                     log.validation(self.step, self._validate())
-            if self.group.first:
+            if self.group.is_main:
                 self._export()
         return self.out / WEIGHTS
 
     def _update(self, batch: list[Tensor]) -> tuple[list[float], float]:
-        """One step of the optimiser; returns each stage's loss (pixels) and the norm of the gradient."""
+        """One step of the optimizer; returns each stage's loss (pixels) and the norm of the gradient."""
         recipe, group = self.recipe, self.group
         left, right, disparity, weights = (tensor.to(group.device, non_blocking=True) for tensor in batch)
         weights = loss_weights(disparity, weights)
-        total = group.total(weights.sum()).clamp(min=1)
+        total = group.all_reduce_sum(weights.sum()).clamp(min=1)
         with torch.autocast(group.device.type, torch.bfloat16, enabled=recipe.amp):
-            outputs = self.parallel(_normalised(left), _normalised(right), self.stages)
-        losses = stage_losses(outputs, disparity, weights, total, recipe.robust)
+            outputs = self.parallel(_normalized(left), _normalized(right), self.stages)
+        losses = stage_losses(outputs, disparity, weights, total, recipe.robust_scale)
         # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
-        (group.count * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
-        values: list[float] = group.total(losses.detach()).tolist()
+        (group.world_size * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
+        values: list[float] = group.all_reduce_sum(losses.detach()).tolist()
         for stage, value in enumerate(values, 1):
             if not math.isfinite(value):
                 raise AnyNetError(
                     f"the loss of stage {stage} became {value} at step {self.step + 1}: "
-                    f"resume from {self.out / CHECKPOINT} with other data, or begin again with a smaller rate"
+                    f"resume from {self.out / CHECKPOINT} with other data, or begin again with a smaller learning rate"
                 )
-        norm = float(nn.utils.clip_grad_norm_(self.model.parameters(), recipe.clip or math.inf, foreach=True))
-        if not math.isfinite(norm):
-            raise AnyNetError(f"the gradient became {norm} at step {self.step + 1}, the losses being {values}")
+        grad_norm = float(
+            nn.utils.clip_grad_norm_(self.model.parameters(), recipe.max_grad_norm or math.inf, foreach=True)
+        )
+        if not math.isfinite(grad_norm):
+            raise AnyNetError(f"the gradient became {grad_norm} at step {self.step + 1}, the losses being {values}")
         for parameters in self.optimizer.param_groups:
-            parameters["lr"] = recipe.rate_at(self.step, self.steps)
+            parameters["lr"] = recipe.learning_rate_at(self.step, self.steps)
         self.optimizer.step()
         self.optimizer.zero_grad()
         self.average.update_parameters(self.model)
         self.step += 1
-        return values, norm
+        return values, grad_norm
 
     def _save(self) -> None:
         state = {
@@ -205,7 +210,7 @@ class _Run:
         write_atomically(self.out / CHECKPOINT, content.getvalue())
 
     def _restore(self) -> None:
-        # The data and the rate of a step follow from its number, and nothing else in a step is random.
+        # The data and the learning rate of a step follow from its number, and nothing else in a step is random.
         state = torch.load(self.out / CHECKPOINT, map_location=self.group.device, weights_only=True)
         self.step = state["step"]
         self.model.load_state_dict(state["model"])

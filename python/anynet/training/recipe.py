@@ -6,92 +6,102 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import asdict, dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any, Literal
 
-from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
+from anynet.model import presets
+from anynet.model.config import AnyNetConfig, as_tuples
 
 Schedule = Literal["constant", "step", "cosine"]
 
 
-def _option(default: Any, help: str, *, manner: bool = False) -> Any:
-    """A field with its help text. `manner`: says how to run, not what to learn, so it may change when resuming."""
-    return field(default=default, metadata={"help": help, "manner": manner})
+def _option(default: Any, help: str, *, runtime: bool = False) -> Any:
+    """A field with its help text. `runtime`: says how to run, not what to learn, so it may change when resuming."""
+    return field(default=default, metadata={"help": help, "runtime": runtime})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
     """One training run. The same recipe, data and number of threads give the same weights, bit for bit.
 
-    Lengths are in steps (optimiser updates) unless a name says epochs; sizes are (height, width) in pixels.
+    Lengths are in steps (optimizer updates) unless a name says epochs; sizes are (height, width) in pixels.
     """
 
-    data: tuple[str, ...] = _option((), "Training data, LAYOUT:PATH; several are joined.")
-    validation: tuple[str, ...] = _option((), "Data to measure on while training, LAYOUT:PATH.")
+    data: tuple[str, ...] = _option((), "Training data, KIND:ROOT[?OPTION=VALUE&...]; several are joined.")
+    validation: tuple[str, ...] = _option((), "Data to measure on while training, KIND:ROOT[?OPTION=VALUE&...].")
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
-    input_scale: int | None = _option(None, "2: these weights on images enlarged to twice their size. 1: not enlarged.")
-    grow: bool = _option(False, "Put the weights into --network, which has all their parts; its others begin anew.")
+    input_scale: float | None = _option(None, "Resize the images by this factor first. Default: what the weights say.")
+    load_partial: bool = _option(
+        False, "Load those weights that have their place in --network; what then lacks weights begins anew."
+    )
     network: AnyNetConfig = _option(AnyNetConfig(), "Shape of the network, where the weights do not tell it.")
     steps: int | None = _option(None, "Length of the run in steps of one batch.")
     epochs: int | None = _option(None, "Length of the run in passes over the data (instead of steps).")
-    batch: int = _option(6, "Pairs per step, over all processes.")
-    crop: tuple[int, int] = _option((256, 512), "Height and width of the training crops.")
-    augment: bool = _option(True, "Vary scale, colour, noise and occlusion, not only the place of the crop.")
-    rate: float = _option(2e-3, "Learning rate of Adam.")
-    schedule: Schedule = _option("cosine", "Rate over the run: constant, step (a tenth after --drop-at) or cosine.")
-    warm_up: int = _option(0, "Steps over which the rate grows linearly to its value.")
-    drop_at: float = _option(2 / 3, "Fraction of the run after which the step schedule divides the rate by 10.")
+    batch_size: int = _option(6, "Pairs per step, over all processes.")
+    crop_size: tuple[int, int] = _option((256, 512), "Height and width of the training crops.")
+    augment: bool = _option(True, "Vary scale, color, noise and occlusion, not only the place of the crop.")
+    learning_rate: float = _option(2e-3, "Learning rate of Adam.")
+    schedule: Schedule = _option(
+        "cosine", "Learning rate over the run: constant, step (a tenth after --milestone) or cosine."
+    )
+    warmup_steps: int = _option(0, "Steps over which the learning rate grows linearly to its value.")
+    milestone: float = _option(
+        2 / 3, "Fraction of the run after which the step schedule divides the learning rate by 10."
+    )
     stage_weights: tuple[float, ...] = _option(
         (), "Weight of each stage's loss; last ones of 0 are not computed. Default: 0.25, 0.5, 1..."
     )
-    robust: float = _option(
+    robust_scale: float = _option(
         0.0,
-        "Pixels of error beyond which it counts by its logarithm alone, so that hopeless pixels teach less. 0: none.",
+        "Pixels of error beyond which the loss grows as the logarithm only, so that outliers teach less. 0: never.",
     )
     occluded_weight: float = _option(1.0, "Weight in the loss of pixels that the right crop does not show.")
     far_weight: float = _option(1.0, "Weight in the loss of pixels with less than 1/2 pixel of disparity: the sky.")
-    clip: float = _option(5.0, "Largest norm of the gradient; longer ones are scaled down. 0: as they are.")
-    averaging: float = _option(0.0, "Decay of the running average of the weights that is kept; 0 keeps the last.")
+    max_grad_norm: float = _option(5.0, "Largest norm of the gradient, which is clipped to it. 0: not clipped.")
+    ema_decay: float = _option(
+        0.0, "Decay of the exponential moving average of the weights that is kept; 0 keeps the last."
+    )
     seed: int = _option(0, "Fixes the initial weights, the order of the data and the augmentation.")
     amp: bool = _option(False, "Mixed precision (bfloat16), on CUDA.")
-    device: str | None = _option(None, "cpu or cuda. Default: cuda where there is one.", manner=True)
-    threads: int | None = _option(None, "CPU threads of the network. Default: PyTorch's.", manner=True)
-    workers: int = _option(1, "Processes that prepare the data.", manner=True)
-    log_every: int = _option(20, "Steps between two lines of the log.", manner=True)
-    checkpoint_every: int = _option(200, "Steps between two checkpoints.", manner=True)
-    validate_every: int | None = _option(None, "Steps between two validations. Default: at the end.", manner=True)
-    tensorboard: bool = _option(False, "Write TensorBoard events as well as the log.", manner=True)
+    device: str | None = _option(None, "cpu or cuda. Default: cuda where there is one.", runtime=True)
+    threads: int | None = _option(None, "CPU threads of the network. Default: PyTorch's.", runtime=True)
+    workers: int = _option(1, "Processes that prepare the data.", runtime=True)
+    log_every: int = _option(20, "Steps between two lines of the log.", runtime=True)
+    checkpoint_every: int = _option(200, "Steps between two checkpoints.", runtime=True)
+    validate_every: int | None = _option(None, "Steps between two validations. Default: at the end.", runtime=True)
+    tensorboard: bool = _option(False, "Write TensorBoard events as well as the log.", runtime=True)
 
     def __post_init__(self) -> None:
-        for name in ("batch", "log_every", "checkpoint_every", "validate_every", "steps", "epochs"):
+        for name in ("batch_size", "log_every", "checkpoint_every", "validate_every", "steps", "epochs"):
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise AnyNetError(f"{name} must be at least 1, got {value}")
         if self.input_scale is not None and self.weights is None:
             raise AnyNetError("input_scale is for weights to start from; give a new network its own, as in network")
-        if self.grow and self.weights is None:
-            raise AnyNetError("grow is for weights to start from")
-        if min(self.crop) < 64:
-            raise AnyNetError(f"crop must be at least 64x64, got {self.crop[0]}x{self.crop[1]}")
-        if not self.rate > 0:
-            raise AnyNetError(f"rate must be positive, got {self.rate}")
+        if self.load_partial and self.weights is None:
+            raise AnyNetError("load_partial is for weights to start from")
+        if min(self.crop_size) < 64:
+            raise AnyNetError(f"crop_size must be at least 64x64, got {self.crop_size[0]}x{self.crop_size[1]}")
+        if not self.learning_rate > 0:
+            raise AnyNetError(f"learning_rate must be positive, got {self.learning_rate}")
         for name in ("occluded_weight", "far_weight"):
             if not 0 <= getattr(self, name) <= 1:
                 raise AnyNetError(f"{name} must be in [0, 1], got {getattr(self, name)}")
-        if not self.robust >= 0:
-            raise AnyNetError(f"robust must be positive or 0, got {self.robust}")
-        if not 0 <= self.averaging < 1:
-            raise AnyNetError(f"averaging must be in [0, 1), got {self.averaging}")
+        if not self.robust_scale >= 0:
+            raise AnyNetError(f"robust_scale must be positive or 0, got {self.robust_scale}")
+        if not 0 <= self.ema_decay < 1:
+            raise AnyNetError(f"ema_decay must be in [0, 1), got {self.ema_decay}")
         if self.schedule not in ("constant", "step", "cosine"):
             raise AnyNetError(f"schedule must be constant, step or cosine, got {self.schedule!r}")
-        if not self.clip >= 0:
-            raise AnyNetError(f"clip must be positive or 0, got {self.clip}")
+        if not self.max_grad_norm >= 0:
+            raise AnyNetError(f"max_grad_norm must be positive or 0, got {self.max_grad_norm}")
 
     def length(self, samples: int) -> int:
         """Steps of the whole run on a data set of this many samples."""
         if (self.steps is None) == (self.epochs is None):
             raise AnyNetError("give the length of the run as either steps or epochs")
-        return self.steps if self.steps is not None else math.ceil(self.epochs * samples / self.batch)  # type: ignore[operator]
+        return self.steps if self.steps is not None else math.ceil(self.epochs * samples / self.batch_size)  # type: ignore[operator]
 
     def stage_weights_of(self, stages: int) -> tuple[float, ...]:
         """One per stage."""
@@ -102,68 +112,65 @@ class Recipe:
             raise AnyNetError(f"stage_weights: expected none below 0 and one above, got {weights}")
         return weights
 
-    def rate_at(self, step: int, steps: int) -> float:
+    def learning_rate_at(self, step: int, steps: int) -> float:
         """Learning rate of update `step` (from 0) of a run of `steps`."""
-        warm = min(1.0, (step + 1) / (self.warm_up + 1))
+        warm = min(1.0, (step + 1) / (self.warmup_steps + 1))
         if self.schedule == "step":
-            return warm * self.rate * (0.1 if step >= self.drop_at * steps else 1.0)
+            return warm * self.learning_rate * (0.1 if step >= self.milestone * steps else 1.0)
         if self.schedule == "cosine":
-            return warm * self.rate * (1 + math.cos(math.pi * step / steps)) / 2
-        return warm * self.rate
+            return warm * self.learning_rate * (1 + math.cos(math.pi * step / steps)) / 2
+        return warm * self.learning_rate
 
     def to_json(self) -> str:
         return json.dumps(asdict(self), indent=2) + "\n"
 
     @classmethod
-    def from_json(cls, text: str) -> Recipe:
-        values = {name: _tuples(value) for name, value in json.loads(text).items()}
-        return cls(**{**values, "network": network_of(values["network"])})
+    def load(cls, path: Path) -> Recipe:
+        """The recipe in a file of `to_json`. Those of versions with other options are refused."""
+        try:
+            values = json.loads(path.read_text())
+            network = AnyNetConfig.from_dict(values.pop("network"))
+            return cls(network=network, **{name: as_tuples(value) for name, value in values.items()})
+        except OSError as error:
+            raise AnyNetError(f"{path}: cannot be read: {error.strerror}") from None
+        except (AttributeError, KeyError, TypeError, ValueError, AnyNetError) as error:
+            raise AnyNetError(
+                f"{path}: expected a recipe of this version, got another file or options: {error}"
+            ) from None
 
     def check_resumed(self, other: Recipe) -> None:
         """Raises AnyNetError if a run of this recipe cannot go on with `other`, because it would learn otherwise."""
         for option in fields(self):
             old, new = getattr(self, option.name), getattr(other, option.name)
-            if old != new and not option.metadata["manner"]:
+            if old != new and not option.metadata["runtime"]:
                 raise AnyNetError(f"{option.name} was {old!r} when the run began, so it cannot be {new!r} on resuming")
 
 
-LARGE = AnyNetConfig(
-    channels=4,
-    groups=4,
-    hourglass=3,
-    finer_costs=True,
-    guided=True,
-    cost_channels=(16, 24, 16),
-    ranges=((0, 11), (-3, 3), (-2, 2)),
-    neighbours=2,
-    spn_fill=True,
-    spn_mismatch=True,
-    spn_upsampling=True,
-)
-
 ENLARGED = Recipe(
     weights="large",
-    network=LARGE,
+    network=presets.large(),
     input_scale=2,
     steps=6_500,
-    batch=3,
-    crop=(192, 384),
-    rate=1e-3,
-    warm_up=50,
-    robust=3.0,
+    batch_size=3,
+    crop_size=(192, 384),
+    learning_rate=1e-3,
+    warmup_steps=50,
+    robust_scale=3.0,
     occluded_weight=0.2,
     far_weight=0.1,
 )
 
 PRESETS: dict[str, Recipe] = {
     # The paper, section IV-A.
-    "paper-sceneflow": Recipe(epochs=10, rate=5e-4, schedule="constant", augment=False, clip=0.0),
-    "paper-kitti": Recipe(epochs=300, rate=5e-4, schedule="step", augment=False, clip=0.0),
+    "paper-sceneflow": Recipe(epochs=10, learning_rate=5e-4, schedule="constant", augment=False, max_grad_norm=0.0),
+    "paper-kitti": Recipe(epochs=300, learning_rate=5e-4, schedule="step", augment=False, max_grad_norm=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
-    "default": Recipe(network=AnyNetConfig(spn_fill=True), steps=8_000, rate=2e-3, warm_up=100),
-    "large": Recipe(network=LARGE, steps=7_000, batch=4, rate=2e-3, warm_up=100, occluded_weight=0.2),
+    "default": Recipe(network=presets.default(), steps=8_000, learning_rate=2e-3, warmup_steps=100),
+    "large": Recipe(
+        network=presets.large(), steps=7_000, batch_size=4, learning_rate=2e-3, warmup_steps=100, occluded_weight=0.2
+    ),
     "enlarged": ENLARGED,
-    "kitti": replace(ENLARGED, steps=700, warm_up=100),
+    "kitti": replace(ENLARGED, steps=700, warmup_steps=100),
 }
 
 
@@ -176,17 +183,3 @@ def preset(name: str, **options: Any) -> Recipe:
     elif options.get("epochs") is not None:
         options.setdefault("steps", None)
     return replace(PRESETS[name], **options)
-
-
-def network_of(options: dict[str, Any]) -> AnyNetConfig:
-    """The configuration with the given options, as JSON holds them."""
-    names = [option.name for option in fields(AnyNetConfig)]
-    for name in options:
-        if name not in names:
-            raise AnyNetError(f"network: expected options among {', '.join(names)}, got {name!r}")
-    return AnyNetConfig(**{name: _tuples(value) for name, value in options.items()})
-
-
-def _tuples(value: Any) -> Any:
-    """JSON has lists only; recipes hold tuples, perhaps of tuples."""
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from anynet.data import StereoSample
-from anynet.data.augment import augment, mirrored, random_crop, seen
+from anynet.data import RenderedSample, StereoSample
+from anynet.data.augment import augment, mirrored, non_occluded, random_crop
 from anynet.errors import AnyNetError
-from anynet.render import RenderedSample, render
+from anynet.synthetic import render
 
 CROP = (128, 256)
 
@@ -51,8 +51,8 @@ def test_pair_shifted_by_a_scale_would_be_seen(rendered: RenderedSample) -> None
 
 def test_scale_multiplies_disparities() -> None:
     flat = np.full((100, 200), 10, np.float32)
-    picture = np.zeros((100, 200, 3), np.uint8)
-    sample = StereoSample(picture, picture, flat, np.ones_like(flat, bool))
+    image = np.zeros((100, 200, 3), np.uint8)
+    sample = StereoSample(image, image, flat, np.ones_like(flat, bool))
     for seed in range(20):
         changed = augment(sample, (64, 96), np.random.default_rng(seed), scales=(0.8, 1.5))
         assert len(np.unique(changed.disparity)) == 1
@@ -60,23 +60,23 @@ def test_scale_multiplies_disparities() -> None:
         assert not changed.noc[:, : int(changed.disparity[0, 0])].any()
 
 
-def test_seen_is_what_the_right_picture_shows() -> None:
-    picture = np.zeros((20, 60, 3), np.uint8)
+def test_what_the_right_image_shows_is_not_occluded() -> None:
+    image = np.zeros((20, 60, 3), np.uint8)
     disparity = np.full((20, 60), 10, np.float32)
     valid = np.ones_like(disparity, bool)
     valid[0] = False
     disparity[0] = np.nan
-    sample = StereoSample(picture, picture, disparity, valid)
+    sample = StereoSample(image, image, disparity, valid)
     expected = valid.copy()
     expected[:, :10] = False
-    assert np.array_equal(seen(sample), expected)
+    assert np.array_equal(non_occluded(sample), expected)
     patch = np.zeros_like(valid)
     patch[5:9, 30:33] = True
     expected[5:9, 40:43] = False
-    assert np.array_equal(seen(sample, patch), expected)
+    assert np.array_equal(non_occluded(sample, patch), expected)
     noc = valid.copy()
     noc[15:] = expected[15:] = False
-    assert np.array_equal(seen(replace(sample, noc=noc), patch), expected)
+    assert np.array_equal(non_occluded(replace(sample, noc=noc), patch), expected)
 
 
 def test_mirrored_is_a_pair_and_an_involution_of_the_truth(rendered: RenderedSample) -> None:
@@ -86,7 +86,7 @@ def test_mirrored_is_a_pair_and_an_involution_of_the_truth(rendered: RenderedSam
     assert np.array_equal(other.left[:, ::-1], rendered.right)
 
 
-def test_eyes_are_exposed_apart_and_the_right_one_is_occluded(rendered: RenderedSample) -> None:
+def test_views_are_exposed_apart_and_the_right_one_is_occluded(rendered: RenderedSample) -> None:
     same = replace(random_crop(rendered, CROP, np.random.default_rng(0)), right=None)
     same = replace(same, right=same.left, disparity=np.zeros(CROP, np.float32), noc=None)
     apart = hidden = 0

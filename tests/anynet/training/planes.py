@@ -1,27 +1,33 @@
-"""A trivial data set, and a training run on it to be started as a process of its own: planes.py OUT OPTIONS (JSON)."""
+"""A trivial data set, and training runs on it as processes of their own: planes.py OUT OPTIONS (JSON)."""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from anynet.data import StereoSample
-from anynet.training.loop import train
+from anynet.training.loop import LOG, train
 from anynet.training.recipe import Recipe
 
-SMALL = {
-    "batch": 4,
-    "crop": (64, 128),
+SMALL: dict[str, Any] = {
+    "batch_size": 4,
+    "crop_size": (64, 128),
     "augment": False,
     "steps": 12,
     "checkpoint_every": 2,
     "log_every": 1,
     "threads": 1,
 }
+
+RECIPE = Recipe(**SMALL, workers=0)
 
 
 class Planes(Sequence[StereoSample]):
@@ -33,17 +39,33 @@ class Planes(Sequence[StereoSample]):
     def __len__(self) -> int:
         return self._count
 
-    def __getitem__(self, index):
+    def __getitem__(self, index: int) -> StereoSample:  # type: ignore[override]
         if not 0 <= index < self._count:
             raise IndexError(index)
-        dice = np.random.default_rng(index)
+        rng = np.random.default_rng(index)
         height, width = self._size
-        shift = int(dice.integers(1, 24))
-        scene = dice.integers(0, 256, (height // 4, (width + 24) // 4, 3), np.uint8).repeat(4, 0).repeat(4, 1)
+        shift = int(rng.integers(1, 24))
+        scene = rng.integers(0, 256, (height // 4, (width + 24) // 4, 3), np.uint8).repeat(4, 0).repeat(4, 1)
         disparity = np.full((height, width), shift, np.float32)
         valid = np.ones((height, width), bool)
         valid[: 10 * (index % 5)] = False
         return StereoSample(scene[:, :width], scene[:, shift : shift + width], disparity, valid, name=f"plane {index}")
+
+
+def log_lines(out: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (out / LOG).read_text().splitlines()]
+
+
+def start(out: Path, launcher: tuple[str, ...] = (), **options: Any) -> subprocess.Popen[str]:
+    """A process that trains in the folder `out`, with these options besides SMALL."""
+    command = [sys.executable, *launcher, __file__, str(out), json.dumps(options)]
+    path = os.pathsep.join(p for p in sys.path if p)
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stderr=subprocess.PIPE, text=True)
+
+
+def finish(process: subprocess.Popen[str]) -> None:
+    _, errors = process.communicate(timeout=300)
+    assert process.returncode == 0, errors
 
 
 if __name__ == "__main__":
