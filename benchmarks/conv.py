@@ -13,7 +13,7 @@ from functools import partial
 
 import torch
 import torch.nn.functional as F
-from measure import PRODUCT, matrix_product, median_ms, options
+from measure import PRODUCT, matrix_product, median_ms, multiply_adds, options
 
 import anynet_ext
 
@@ -75,8 +75,11 @@ def main() -> None:
     arguments = parser.parse_args()
     for threads in dict.fromkeys(arguments.threads):
         torch.set_num_threads(threads)
-        limit = 2 * PRODUCT / seconds_of(matrix_product())
-        print(f"\n{threads} threads, multiply-add peak {limit / 1e9:.0f} GFLOP/s")
+        loop = multiply_adds(threads)
+        limit, product = 2 * loop() / seconds_of(loop), 2 * PRODUCT / seconds_of(matrix_product())
+        print(
+            f"\n{threads} threads, GFLOP/s: multiply-adds alone {limit / 1e9:.0f}, matrix product {product / 1e9:.0f}"
+        )
         totals: dict[str, float] = {}
         for batch, channels, out_channels, size, stride, count in TRAIN if arguments.train else FRAME:
             name = f"conv3x3{'x3' * (len(size) - 2)}"
