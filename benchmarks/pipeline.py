@@ -10,7 +10,8 @@ from bytes:
 * openvino: the same ONNX file, latency hint;
 * OpenCV's StereoBM and StereoSGBM, 192 disparities.
 All take turns, so that a machine whose speed drifts is the same for all. Times are medians of one call in milliseconds,
-ratios are medians over the turns. The limit is the multiply-adds over the peak, that of a matrix product in each turn.
+ratios are medians over the turns. The limit is the multiply-adds over the peak, that of a loop of nothing else in each
+turn; a matrix product stands beside it.
 """
 
 from __future__ import annotations
@@ -280,8 +281,8 @@ def main() -> None:
         mine["ours, stage 4, one thread"] = alone["ours, stage 4"]
     with nullcontext({}) if arguments.no_peers else peers(arguments.weights, threads, out) as others:
         loop = multiply_adds(threads)
-        limits_of_turn = {"multiply-adds": loop, "matrix product": matrix_product()}
-        times = interleaved_ms({**limits_of_turn, **mine, **others}, arguments.rounds)
+        yardsticks = {"multiply-adds": loop, "matrix product": matrix_product()}
+        times = interleaved_ms({**yardsticks, **mine, **others}, arguments.rounds)
     limits = measure_limits(threads)
     stages = load_checkpoint(arguments.weights).config.stages
     of_all, calls = count(arguments.weights, threads, stages, frames=20)
