@@ -113,6 +113,10 @@ class InferenceOperator:
     def test_layouts(self, small_case: Call) -> None:
         expected = self.packet(*self.arguments(small_case))
         for name, arguments in self.changed(small_case, strided).items():
+            if not any(
+                isinstance(t, Tensor) and not t.is_contiguous() for t in torch.utils._pytree.tree_leaves(arguments)
+            ):
+                continue  # a tensor of one element is contiguous however it is made
             if name in self.any_layout:
                 assert torch.equal(self.packet(*arguments), expected)
             else:

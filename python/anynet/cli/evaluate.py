@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from anynet.cli.told import telling_warnings
 from anynet.errors import AnyNetError
 
 
@@ -30,6 +31,7 @@ class Region(str, Enum):
     background = "background"
 
 
+@telling_warnings
 def evaluate(
     data: Annotated[list[str], typer.Option(help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...]; repeatable.")],
     weights: Annotated[

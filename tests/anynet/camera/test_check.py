@@ -9,9 +9,9 @@ import pytest
 from skimage.data import stereo_motorcycle
 
 from anynet.io import read_pair
-from anynet.rectification import check_rectified
+from anynet.camera.check import check_rectified
 
-SHARED = Path(__file__).parents[2] / ".." / "shared" / "data"
+SHARED = Path(__file__).parents[3] / ".." / "shared" / "data"
 
 
 def real_pairs() -> list[tuple[Path, Path]]:
