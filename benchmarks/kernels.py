@@ -276,10 +276,7 @@ def _versions(workload: Workload, compiled: Callable[..., Tensor] | None) -> lis
 
 
 def table(rows: list[Row], limits: Limits) -> Table:
-    title = (
-        f"{limits.threads} thread(s), ms; peak {limits.operations / 1e9:.0f} G operations/s,"
-        f" copy {limits.bandwidth / 1e9:.1f} GB/s"
-    )
+    title = f"{limits.threads} thread(s), ms; {limits}"
     result = Table(
         "kernel", "size", "ours", "eager", "compiled", "limit", "eager/ours", "compiled/ours", "ours/limit", title=title
     )
