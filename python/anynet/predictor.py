@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import atexit
 import ctypes
 import math
 import os
-import threading
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -24,10 +22,9 @@ from anynet.checkpoint import PACKAGED, find_weights, load_checkpoint
 from anynet.errors import AnyNetError
 from anynet.model.confidence import HIDDEN, ConfidenceModel, gather_evidence, view_difference
 from anynet.model.deploy import DeployedAnyNet, StageResult, sum_at
-from anynet.scheduler import LatencyTable
+from anynet.scheduler import MAX_THREADS, LatencyTable
+from anynet.shutdown import computing
 
-THREADS = 256  # at most: starting many more ends the process
-EXIT_TIMEOUT = 60.0  # seconds that frames under way may take when the interpreter exits
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 
 
@@ -71,8 +68,8 @@ class Predictor:
         threads: int | None = None,
         input_scale: float | None = None,
     ) -> None:
-        if threads is not None and (type(threads) is not int or not 1 <= threads <= THREADS):
-            raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {THREADS}, got {threads!r}")
+        if threads is not None and (type(threads) is not int or not 1 <= threads <= MAX_THREADS):
+            raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
         self._network = DeployedAnyNet(load_checkpoint(weights, input_scale))
         self._weights = weights
         self._confidence: ConfidenceModel | None = None
@@ -157,8 +154,12 @@ class Predictor:
         Raises:
             AnyNetError: if an argument is not that.
         """
-        start = perf_counter()
-        frame = self._frame("predict", left, right, confidence, left_right, view)
+        with computing():
+            start = perf_counter()
+            frame = self._frame("predict", left, right, confidence, left_right, view)
+            return self._predict(frame, budget_ms, stage, start)
+
+    def _predict(self, frame: _Frame, budget_ms: float | None, stage: int | None, start: float) -> Estimate:
         if stage is None:
             stage = self.config.stages
         elif type(stage) is not int or not 1 <= stage <= self.config.stages:
@@ -167,9 +168,8 @@ class Predictor:
             budget_ms = math.inf
         elif isinstance(budget_ms, bool) or not isinstance(budget_ms, (int, float)) or not budget_ms >= 0:
             raise AnyNetError(f"predict: expected budget_ms >= 0, got {budget_ms!r}")
-        height, width = left.shape[:2]
         with self._computing() as threads:
-            latencies = self._latencies[height, width, threads, confidence, left_right]
+            latencies = self._latencies[frame.kind, threads]
             steps = frame.steps()
             begin = start
             for reached, latency in enumerate(latencies.stages[:stage]):
@@ -194,7 +194,7 @@ class Predictor:
         """Inference mode on this predictor's threads; gives their number."""
         before = torch.get_num_threads()
         threads = 1 if _forked else self.threads or before
-        with _frames.one():
+        with computing():
             if threads != before:
                 torch.set_num_threads(threads)
             try:
@@ -231,6 +231,11 @@ class _Frame:
         self._network, self._model, self._left_right, self._mirrored = network, model, left_right, mirrored
         self._zoom, self._images = zoom, images
         self._size = images[0].shape[:2]
+
+    @property
+    def kind(self) -> Hashable:
+        """Frames of one kind take equally long."""
+        return *self._size, self._model is not None, self._left_right
 
     def steps(self) -> Iterator[tuple[StageResult, StageResult | None]]:
         """The stages' results; with the left-right check, of the other view besides."""
@@ -291,44 +296,12 @@ def check_images(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Ten
     return first, second
 
 
-class _Frames:
-    """The frames that are being computed: the interpreter must not exit under them, which would end the process by a
-    signal when a daemon thread comes back from C++."""
-
-    def __init__(self) -> None:
-        self._changed = threading.Condition()
-        self._running = 0
-        self._exiting = False
-
-    @contextmanager
-    def one(self) -> Iterator[None]:
-        with self._changed:
-            if self._exiting and threading.current_thread().daemon:
-                self._changed.wait()  # for ever: nobody waits for a daemon thread
-            self._running += 1
-        try:
-            yield
-        finally:
-            with self._changed:
-                self._running -= 1
-                self._changed.notify_all()
-
-    def finish(self) -> None:
-        with self._changed:
-            self._exiting = True
-            self._changed.wait_for(lambda: not self._running, timeout=EXIT_TIMEOUT)
-
-
-_frames = _Frames()
-atexit.register(lambda: _frames.finish())
-
 _forked = False
 
 
 def _after_fork() -> None:
-    global _forked, _frames
+    global _forked
     _forked = True
-    _frames = _Frames()  # those of the parent are not ours to wait for
 
 
 os.register_at_fork(after_in_child=_after_fork)
