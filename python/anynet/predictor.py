@@ -109,7 +109,9 @@ class Predictor:
                 maps = frame.maps(stage, *next(steps))
             yield Estimate(stage, maps.disparity, 1e3 * (perf_counter() - start), **maps.trust)
 
-    def _frame(self, method: str, left: Any, right: Any, confidence: object, left_right: object, view: object) -> _Frame:
+    def _frame(
+        self, method: str, left: Any, right: Any, confidence: object, left_right: object, view: object
+    ) -> _Frame:
         for name, value in (("confidence", confidence), ("left_right", left_right)):
             if not isinstance(value, bool):
                 raise AnyNetError(f"{method}: expected {name} as True or False, got {value!r}")

@@ -191,6 +191,7 @@ def _write(
 ) -> list[Path]:
     """Writes the picture and, with a calibration, the point cloud; returns their names."""
     from anynet.io import write_image, write_ply
+    from anynet.trust import within_reach
     from anynet.visualize import stages_image
 
     make_folder(out)
@@ -201,7 +202,8 @@ def _write(
     if pair.calibration is not None:
         files.append(out / "cloud.ply")
         depth = pair.calibration.depth(estimates[-1].disparity)
-        write_ply(files[-1], pair.calibration.points(depth), pair.left)
+        near = within_reach(depth, pair.calibration, None)
+        write_ply(files[-1], pair.calibration.points(depth)[near], pair.left[near])
     if save_rectified:
         for name, image in (("rectified_left", pair.left), ("rectified_right", pair.right)):
             files.append(out / f"{name}.png")

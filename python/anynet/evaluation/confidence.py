@@ -108,7 +108,7 @@ Results = Mapping[tuple[str, str, str], Mapping[int, ConfidenceScores]]
 def markdown(results: Results) -> str:
     """One row per weights, data set, region and stage."""
     lines = [
-        "| weights | data | region | stage | D1 % | D1 % at 80 % density | oracle's | AUSE % | calibration error | ms |",
+        "| weights | data | region | stage | D1 % | D1 % at 80 % density | oracle's | AUSE % | calibration | ms |",
         "|" + " --- |" * 3 + " ---: |" * 7,
     ]
     for (weights, data, region), stages in results.items():

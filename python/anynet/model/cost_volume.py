@@ -86,7 +86,7 @@ def begin_undecided(network: nn.Sequential) -> None:
 
 
 class Distribution(NamedTuple):
-    """What a deployed stage's softmax weighs: costs [1, D, h, w] of the values first, first + 1, ..., and of offsets."""
+    """What a deployed stage's softmax weighs: costs [1, D, h, w] of the values first, first + 1, ..., and offsets."""
 
     cost: Tensor
     first: int
