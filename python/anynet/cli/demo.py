@@ -73,6 +73,9 @@ def demo(
         float | None, typer.Option(help="Work on the images resized by this factor.", show_default="the weights'")
     ] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Open the page of `anynet view` on the pair afterwards.")
+    ] = False,
 ) -> None:
     """Every stage on one pair: a table of times and errors, a picture of the stages, a point cloud.
 
@@ -116,6 +119,11 @@ def demo(
     _print_table(sample, estimates, times)
     for file in _write(out, pair, sample, estimates, times, save_rectified):
         print(file)
+    if view:
+        from anynet.cli.view import show
+        from anynet.view import StillPair
+
+        show(StillPair(sample.name, sample.left, sample.right), prepare, weights, input_scale, threads, out)
 
 
 def _motorcycle() -> tuple[StereoSample, Calibration]:
