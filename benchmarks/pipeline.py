@@ -75,8 +75,8 @@ class Counter(TorchDispatchMode):
 
 
 def stem_multiply_adds(model: AnyNet) -> int:
-    """Of the first two layers, which the inference graph computes inside one operator."""
-    c, pixels = model.config.features.channels, HEIGHT * WIDTH * model.config.input_scale**2
+    """Of the first two layers, which the deployed network computes inside one operator."""
+    c, pixels = model.config.features.channels, HEIGHT * WIDTH * model.config.enlargement**2
     return 2 * (pixels * 27 * c + pixels // 4 * 9 * c * c)
 
 
