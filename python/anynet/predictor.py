@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import atexit
 import ctypes
 import math
 import os
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,10 +20,9 @@ from torch import Tensor
 from anynet.checkpoint import load_checkpoint
 from anynet.errors import AnyNetError
 from anynet.model.deploy import DeployedAnyNet
-from anynet.scheduler import LatencyTable
+from anynet.scheduler import MAX_THREADS, LatencyTable
+from anynet.shutdown import computing
 
-THREADS = 256  # at most: starting many more ends the process
-EXIT_TIMEOUT = 60.0  # seconds that frames under way may take when the interpreter exits
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 
 
@@ -64,8 +61,8 @@ class Predictor:
         threads: int | None = None,
         input_scale: float | None = None,
     ) -> None:
-        if threads is not None and (type(threads) is not int or not 1 <= threads <= THREADS):
-            raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {THREADS}, got {threads!r}")
+        if threads is not None and (type(threads) is not int or not 1 <= threads <= MAX_THREADS):
+            raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
         self._network = DeployedAnyNet(load_checkpoint(weights, input_scale))
         self.config = self._network.config
         self.threads = threads
@@ -125,7 +122,7 @@ class Predictor:
         Raises:
             AnyNetError: if an argument is not that.
         """
-        with _frames.one():
+        with computing():
             return self._predict(left, right, budget_ms, stage)
 
     def _predict(
@@ -168,7 +165,7 @@ class Predictor:
         """Inference mode on this predictor's threads; gives their number."""
         before = torch.get_num_threads()
         threads = 1 if _forked else self.threads or before
-        with _frames.one():
+        with computing():
             if threads != before:
                 torch.set_num_threads(threads)
             try:
@@ -193,44 +190,12 @@ def check_images(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Ten
     return first, second
 
 
-class _Frames:
-    """The frames that are being computed: the interpreter must not exit under them, which would end the process by a
-    signal when a daemon thread comes back from C++."""
-
-    def __init__(self) -> None:
-        self._changed = threading.Condition()
-        self._running = 0
-        self._exiting = False
-
-    @contextmanager
-    def one(self) -> Iterator[None]:
-        with self._changed:
-            while self._exiting and threading.current_thread().daemon:
-                self._changed.wait()  # for ever: nobody waits for a daemon thread
-            self._running += 1
-        try:
-            yield
-        finally:
-            with self._changed:
-                self._running -= 1
-                self._changed.notify_all()
-
-    def finish(self) -> None:
-        with self._changed:
-            self._exiting = True
-            self._changed.wait_for(lambda: not self._running, timeout=EXIT_TIMEOUT)
-
-
-_frames = _Frames()
-atexit.register(lambda: _frames.finish())
-
 _forked = False
 
 
 def _after_fork() -> None:
-    global _forked, _frames
+    global _forked
     _forked = True
-    _frames = _Frames()  # those of the parent are not ours to wait for
 
 
 os.register_at_fork(after_in_child=_after_fork)

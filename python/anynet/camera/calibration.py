@@ -64,10 +64,6 @@ class Calibration:
         """focal, baseline, cx, cy, doffs and size, for JSON."""
         return {name: getattr(self, name) for name in ("focal", "baseline", "cx", "cy", "doffs", "size")}
 
-    def known(self, disparity: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """The disparity [H, W], NaN where it is no point in front of the camera: disparity + doffs <= 0."""
-        return np.where(disparity + np.float32(self.doffs) > 0, disparity, np.float32(np.nan))
-
     def depth(self, disparity: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Z = focal * baseline / (disparity + doffs): meters [H, W], NaN where unknown or not in front of the camera.
 

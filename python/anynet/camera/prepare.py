@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -54,10 +55,12 @@ class PreparedPair:
     def known(self, disparity: Map) -> Map:
         """The disparity [H, W] with NaN wherever it is not known: outside of what the camera saw, or behind it.
 
-        Without a calibration, disparities have to be above 0, or the first one looked for.
+        That is, too, where it is not above the smallest one looked for: the network's refinement went astray there.
         """
-        doffs = max(0.0, -float(self.min_disparity)) if self.calibration is None else self.calibration.doffs
-        known = np.where(disparity + np.float32(doffs) > 0, disparity, np.float32(np.nan))
+        smallest = float(self.min_disparity)
+        if self.calibration is not None:
+            smallest = max(smallest, -self.calibration.doffs)
+        known = np.where(disparity > np.float32(smallest), disparity, np.float32(np.nan))
         if self.valid is not None:
             known[~self.valid] = np.nan
         return known
@@ -139,6 +142,12 @@ class PairPreparation:
         if smallest:
             notes.append(f"disparities looked for from {smallest} pixels on")
         return PreparedPair(left, right, calibration, smallest, valid, tuple(findings), tuple(notes))
+
+    def following(self, first: PreparedPair) -> PairPreparation:
+        """For the frames after the first of a stream: without its checks, and with what it found."""
+        following = copy.copy(self)
+        following._check, following._min_disparity = False, first.min_disparity
+        return following
 
     def _has_rig(self) -> bool:
         return isinstance(self._cameras, Calibration) and self._cameras.rig is not None

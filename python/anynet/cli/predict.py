@@ -222,7 +222,8 @@ def _size(image: Path) -> tuple[int, int] | None:
     from anynet.io import read_image
 
     try:
-        height, width = read_image(image).shape[:2]
+        with collected_warnings():  # told where it is read for good
+            height, width = read_image(image).shape[:2]
     except AnyNetError:
         return None
     return width, height

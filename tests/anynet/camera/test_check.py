@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from skimage.data import stereo_motorcycle
 
-from anynet.io import read_pair
 from anynet.camera.check import check_rectified
+from anynet.io import read_pair
 
 SHARED = Path(__file__).parents[3] / ".." / "shared" / "data"
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from anynet.errors import AnyNetError
 from anynet.camera import Calibration, read_calibration
+from anynet.errors import AnyNetError
 from anynet.io import read_disparity
 
 SHARED = Path(__file__).parents[3] / ".." / "shared" / "data"

@@ -105,8 +105,10 @@ def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], mete
     rotation, translation = names.one(_R), names.one(_T)
     if found.values:  # told already; the raw cameras are beside them
         if rotation is not None and translation is not None:
-            rig = StereoRig(left, right, _rotation(rotation), _vector(translation) * meters, found.size)
+            translated = _vector(translation) * meters
+            rig = StereoRig(left, right, _rotation(rotation), translated, found.size, "OpenCV, raw cameras")
             found.rig = None if rig.is_rectified else rig
+            found.raw = names.text("images") == "raw"  # ours
         return
     found.origin = "OpenCV, " + " and ".join(dict.fromkeys(name for name, _ in cameras))
     raw = left.distorted or right.distorted
