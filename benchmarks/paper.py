@@ -36,12 +36,13 @@ from anynet.baselines import MODELS, BaselineConfig, BaselineModel, BaselinePred
 from anynet.data import StereoSample, open_dataset
 from anynet.evaluation import opencv, report
 from anynet.evaluation.anytime import FIRST_MS, LAST_MS, Curve, best_cascade, cascade, one_after_another, random_queries
-from anynet.evaluation.evaluate import Method, evaluate
+from anynet.evaluation.evaluate import Image, Method, evaluate
 from anynet.evaluation.methods import open_method
 from anynet.evaluation.splits import draw_splits
 from anynet.io import write_image
 from anynet.io.files import write_atomically
 from anynet.model import presets
+from anynet.predictor import Estimate
 from anynet.samples import Concatenation, Dataset
 from anynet.training.loop import LOG, WEIGHTS, train
 from anynet.training.recipe import Recipe
@@ -350,14 +351,14 @@ def random_weights(work: Work, point: Point) -> Method:
 def at_scale(method: Method, scale: float) -> Method:
     """A matcher on images resized by a factor, its result enlarged, in the images' own pixels."""
 
-    def run(left: opencv.Image, right: opencv.Image) -> Iterable[opencv.Estimate]:
+    def run(left: Image, right: Image) -> Iterable[Estimate]:
         start = perf_counter()
         height, width = left.shape[:2]
         size = max(1, round(scale * width)), max(1, round(scale * height))
-        small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right)]
+        small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8) for image in (left, right)]
         for estimate in method(*small):
-            disparity = cv2.resize(estimate.disparity * np.float32(width / size[0]), (width, height))
-            yield opencv.Estimate(estimate.stage, disparity, 1e3 * (perf_counter() - start))
+            disparity = (cv2.resize(estimate.disparity, (width, height)) * (width / size[0])).astype(np.float32)
+            yield Estimate(estimate.stage, disparity, 1e3 * (perf_counter() - start))
 
     return method if scale == 1 else run
 
@@ -540,15 +541,15 @@ def _fig6_lines(work: Work, spec: str, sample: StereoSample) -> tuple[list[Measu
     labels.append((ANYNET.label, (ANYNET.name,), True))
     labels += [(m, tuple(p.name for p in SMALL_BASELINES if p.baseline == m), False) for m in MODELS]
     for label, matcher in (("OpenCV BM", opencv.bm), ("OpenCV SGBM", opencv.sgbm)):
-        names = []
+        own = []
         for scale in SCALES[:2]:  # blocks of 15 pixels see nothing in smaller images
             name = label if scale == 1 else f"{label} at 1/{round(1 / scale)}"
             method = at_scale(matcher, scale)
             found = errors_of(work, name.replace("/", "-"), spec, everywhere(work, method))
             assert found is not None
             errors[name], methods[name] = found, method
-            names.append(name)
-        labels.append((label, tuple(names), False))
+            own.append(name)
+        labels.append((label, tuple(own), False))
     for weights in work.weights:
         name = f"{WEIGHTS_OF}{Path(weights).stem}"
         method = open_method(weights, threads=work.threads)
