@@ -217,3 +217,29 @@ def test_truth_of_another_size_than_the_images(tmp_path: Path) -> None:
     write_disparity(tmp_path / "disparity/a.pfm", np.ones((5, 6), np.float32))
     with pytest.raises(AnyNetError, match=r"a.pfm: expected 20 x 12 pixels like the images, got \(6, 5\)"):
         open_dataset(f"folders:{tmp_path}")[0]
+
+
+@pytest.mark.parametrize("spec", ["render:abc", "render:-1", "render:1?height=x", "render:1?height=3", "render:1?a=2"])
+def test_options_that_cannot_be(spec: str) -> None:
+    with pytest.raises(AnyNetError, match=r"^[^\n]+$"):
+        open_dataset(spec)
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe1", b"\xe9\n"])
+def test_damaged_split_files(tmp_path: Path, content: bytes) -> None:
+    for camera in ("image_2", "image_3"):
+        tree(tmp_path / "training", f"{camera}/000000_10.png")
+    tree(tmp_path / "training", "disp_noc_0/000000_10.png")
+    (tmp_path / "list.txt").write_bytes(content)
+    if content:
+        with pytest.raises(AnyNetError, match=r"list\.txt: not a text in UTF-8"):
+            open_dataset(f"kitti2015:{tmp_path}?split=list.txt")
+    else:
+        assert len(open_dataset(f"kitti2015:{tmp_path}?split=list.txt")) == 0
+
+
+def test_an_image_whose_size_cannot_be_read(tmp_path: Path) -> None:
+    for name in ("im2.png", "im6.png", "disp2.png"):
+        (tmp_path / name).write_bytes(b"damaged")
+    with pytest.raises(AnyNetError, match=r"cannot read .*im2\.png: not an image"):
+        open_dataset(f"middlebury2003:{tmp_path}")
