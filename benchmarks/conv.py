@@ -2,19 +2,19 @@
 
     python benchmarks/conv.py [--train] [--threads 1 2]
 
-Each line: our time, GFLOP/s and share of the peak measured in this run; PyTorch's best of plain eager and channels_last
-(where batch and layout allow it, oneDNN). With --train also our gradients of the input and of the weights.
+Each line: our time, GFLOP/s and share of the peak, that of a loop of nothing but multiply-adds in this run; PyTorch's
+best of plain eager and channels_last (where batch and layout allow it, oneDNN). With --train also our gradients of the
+input and of the weights.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from functools import partial
 
 import torch
 import torch.nn.functional as F
-from measure import PRODUCT, matrix_product, median_ms
+from measure import PRODUCT, matrix_product, median_ms, multiply_adds, options
 
 import anynet_ext
 
@@ -70,16 +70,17 @@ def seconds_of(run: Callable[..., object], *args: object) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, threads=None)
     parser.add_argument("--train", action="store_true")
     parser.add_argument("--threads", type=int, nargs="+", default=[1, torch.get_num_threads()])
-    options = parser.parse_args()
-    for threads in dict.fromkeys(options.threads):
+    arguments = parser.parse_args()
+    for threads in dict.fromkeys(arguments.threads):
         torch.set_num_threads(threads)
-        limit = 2 * PRODUCT / seconds_of(matrix_product())
-        print(f"\n{threads} threads, multiply-add peak {limit / 1e9:.0f} GFLOP/s")
+        loop = multiply_adds(threads)
+        limit, product = 2 * loop() / seconds_of(loop), 2 * PRODUCT / seconds_of(matrix_product())
+        print(f"\n{threads} threads, GFLOP/s: peak {limit / 1e9:.0f}, matrix product {product / 1e9:.0f}")
         totals: dict[str, float] = {}
-        for batch, channels, out_channels, size, stride, count in TRAIN if options.train else FRAME:
+        for batch, channels, out_channels, size, stride, count in TRAIN if arguments.train else FRAME:
             name = f"conv3x3{'x3' * (len(size) - 2)}"
             ours, plain = (anynet_ext.conv3x3, F.conv2d) if len(size) == 2 else (anynet_ext.conv3x3x3, F.conv3d)
             layout = torch.channels_last if len(size) == 2 else torch.channels_last_3d
@@ -89,7 +90,7 @@ def main() -> None:
             with torch.inference_mode():
                 out = ours(x, w, stride=stride)
                 times = {"ours": seconds_of(partial(ours, stride=stride), x, w)}
-                if options.train:
+                if arguments.train:
                     operators = torch.ops.anynet
                     backward_input = getattr(operators, f"{name}_backward_input")
                     backward_weight = getattr(operators, f"{name}_backward_weight")

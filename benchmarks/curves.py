@@ -5,24 +5,20 @@ python benchmarks/curves.py NAME=RUN/log.jsonl ... --plot FILE
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
+from measure import options, subplots
+
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, threads=None)
     parser.add_argument("logs", nargs="+", metavar="NAME=LOG", help="log.jsonl of a run, and what to call it")
     parser.add_argument("--plot", type=Path, required=True)
     arguments = parser.parse_args()
 
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
     count = len(arguments.logs)
-    figure, axes = pyplot.subplots(1, count, figsize=(5 * count, 3.5), layout="constrained", squeeze=False)
+    figure, axes = subplots(ncols=count, figsize=(5 * count, 3.5), squeeze=False)
     for axis, entry in zip(axes[0], arguments.logs, strict=True):
         name, _, path = entry.partition("=")
         lines = [json.loads(line) for line in Path(path).read_text().splitlines()]

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from measure import options
 
 from anynet.data.augment import augment
 from anynet.data.rendered import RenderedFolder, write_rendered
@@ -31,6 +32,7 @@ def each(run: Callable[[int], object], count: int) -> float:
 
 
 def main() -> None:
+    options(__doc__, threads=None).parse_args()
     cv2.setNumThreads(1)
     times = {preset: each(lambda seed, p=preset: render(seed, *SIZE, preset=p), SCENES) for preset in PRESETS}
     for preset, milliseconds in times.items():

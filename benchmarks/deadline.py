@@ -9,13 +9,11 @@ always computed, are drawn too.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
+from measure import console, options, pair, write_json
 from rich.table import Table
 
 from anynet import Predictor
@@ -24,18 +22,16 @@ TOLERANCE_MS = 2.0
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--weights", default="default")
     parser.add_argument("--frames", type=int, default=1000)
-    parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--least", type=float, default=5.0, help="shortest budget, ms")
     parser.add_argument("--most", type=float, default=500.0, help="longest budget, ms")
     parser.add_argument("--json", type=Path, help="write the figures here")
     arguments = parser.parse_args()
 
     random = np.random.default_rng(0)
-    texture = random.integers(0, 256, (375, 1242 + 40, 3), dtype=np.uint8)
-    left, right = texture[:, :-40].copy(), texture[:, 40:].copy()
+    left, right = pair(375, 1242)
     predictor = Predictor(arguments.weights, threads=arguments.threads)
     budgets = random.uniform(arguments.least, arguments.most, arguments.frames)
     stages, overshoots = [], []
@@ -64,9 +60,8 @@ def main() -> None:
         f"{result['largest_overshoot_ms']:.1f} ms",
         "1 %",
     )
-    Console().print(table)
-    if arguments.json:
-        arguments.json.write_text(json.dumps(result, indent=2))
+    console().print(table)
+    write_json(arguments.json, result)
 
 
 if __name__ == "__main__":

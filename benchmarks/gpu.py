@@ -6,13 +6,13 @@ python benchmarks/gpu.py --estimate   # anywhere: the table of docs/cuda.md
 
 from __future__ import annotations
 
-import argparse
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil
 
 import torch
+from measure import options
 from torch import Tensor
 
 import anynet_ext
@@ -241,7 +241,7 @@ def estimate() -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, threads=None)
     parser.add_argument(
         "--estimate", action="store_true", help="no GPU: bytes moved, and the time that follows from it"
     )

@@ -1,28 +1,94 @@
-"""What the benchmarks share: repeated timing, and the machine's limits measured in the same run."""
+"""What the benchmarks share: options, output, repeated timing, and the machine's limits measured in the same run."""
 
 from __future__ import annotations
 
+import argparse
+import json
 import statistics
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from unittest import mock
+from functools import partial
+from pathlib import Path
+from typing import Any
 
+import cv2
+import matplotlib
+import numpy as np
 import torch
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.console import Console
+from torch import Tensor
+from torch.overrides import TorchFunctionMode
 
-from anynet import network
-from anynet_ext import reference
+from anynet_ext import _kernels, reference
+
+HEIGHT, WIDTH = 368, 1232  # KITTI's images, cut to multiples of 16
+WIDE = 200  # columns
+
+
+def options(documentation: str | None, *, threads: int | None = 2) -> argparse.ArgumentParser:
+    """The parser of a script's options: its documentation is the help, and `--threads` the first option."""
+    parser = argparse.ArgumentParser(description=documentation, formatter_class=argparse.RawDescriptionHelpFormatter)
+    if threads is not None:
+        parser.add_argument("--threads", type=int, default=threads)
+    return parser
+
+
+def console() -> Console:
+    """Prints tables whole where the output is no terminal; rich would cut them to 80 columns."""
+    terminal = Console()
+    return terminal if terminal.is_terminal else Console(width=WIDE)
+
+
+def write_json(path: Path | None, report: dict[str, Any]) -> None:
+    """Where the user asked for a file."""
+    if path is not None:
+        path.write_text(json.dumps(report, indent=2) + "\n")
+
+
+def subplots(**arguments: Any) -> tuple[Figure, Any]:
+    """As of pyplot, without a display."""
+    matplotlib.use("Agg")
+    from matplotlib import pyplot  # after the backend is chosen
+
+    return pyplot.subplots(layout="constrained", **arguments)
+
+
+def pair(height: int = HEIGHT, width: int = WIDTH) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Smooth texture, the left image shifted by 20 pixels against the right one."""
+    random = np.random.default_rng(0)
+    coarse = random.integers(0, 256, (height // 8 + 2, width // 8 + 8, 3), dtype=np.uint8)
+    texture = cv2.resize(coarse, (width + 20, height), interpolation=cv2.INTER_CUBIC).astype(np.uint8)
+    return texture[:, :-20].copy(), texture[:, 20:].copy()
+
+
+def _resize(input: Tensor, height: int, width: int, **rest: Any) -> Tensor:
+    return reference.resize(input, (height, width), **rest)
+
 
 CONVOLUTIONS = ("conv3x3", "conv3x3x3")
 OPERATORS = (*CONVOLUTIONS, "batch_norm_relu", "cost_volume", "resize", "soft_argmin", "spatial_propagation", "warp")
 
 
-@contextmanager
-def plain_operators(names: Sequence[str] = OPERATORS) -> Iterator[None]:
-    """The network computes these on PyTorch's own operators."""
-    with mock.patch.multiple(network, **{name: getattr(reference, name) for name in names}):
-        yield
+class PlainOperators(TorchFunctionMode):
+    """Within this context, the operators of these names are PyTorch's own: `anynet_ext.reference`."""
+
+    def __init__(self, names: Sequence[str] = OPERATORS) -> None:
+        super().__init__()
+        self._plain = {name: _resize if name == "resize" else getattr(reference, name) for name in names}
+
+    def __torch_function__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = kwargs or {}
+        if isinstance(function, torch._ops.OpOverloadPacket):
+            function = function.default
+        if isinstance(function, torch._ops.OpOverload) and function.namespace == "anynet":
+            name = function._schema.name.removeprefix("anynet::")
+            if name in self._plain:
+                parameters = [argument.name for argument in function._schema.arguments]
+                return self._plain[name](**dict(zip(parameters, args, strict=False)), **kwargs)
+        return function(*args, **kwargs)
 
 
 def median_ms(function: Callable[[], object], seconds: float = 0.5, least: int = 7) -> float:
@@ -67,34 +133,53 @@ def median_ratio(times: list[float], others: list[float]) -> float:
 class Limits:
     """What `threads` threads of this machine can do at most, measured.
 
-    operations: float32 additions, multiplications, absolute values and the like per second, in vectors, counted per
-        element; a fused multiply-add counts as one.
+    loops: float32 multiply-adds per second of a loop of nothing else, by instruction set.
+    operations: the same on the instruction set in use. Additions, multiplications, absolute values and the like, in
+        vectors, counted per element, are no faster.
+    product: multiply-adds per second of PyTorch's matrix product, for comparison: it is no limit.
     bandwidth: bytes per second, read and written together, of copying arrays of 16 MB.
     """
 
     threads: int
+    loops: Mapping[str, float]
     operations: float
+    product: float
     bandwidth: float
 
     def ms(self, operations: float, traffic: float) -> float:
         """No implementation with this much arithmetic and memory traffic can be faster."""
         return 1000 * max(operations / self.operations, traffic / self.bandwidth)
 
+    def __str__(self) -> str:
+        loops = ", ".join(f"{name} {rate / 1e9:.0f}" for name, rate in self.loops.items())
+        return (
+            f"10⁹ multiply-adds per second: {loops}, matrix product {self.product / 1e9:.0f}; "
+            f"copy {self.bandwidth / 1e9:.1f} GB/s"
+        )
+
+
+def multiply_adds(threads: int, isa: Any = None) -> Callable[[], int]:
+    """A loop of nothing but multiply-adds in registers, some milliseconds long, that returns their number."""
+    return partial(_kernels.multiply_add, isa or _kernels.chosen_isa(), 1_000_000, threads)
+
 
 PRODUCT = 1024**3  # multiply-adds of `matrix_product`
 
 
 def matrix_product() -> Callable[[], object]:
-    """What PyTorch's library does near the machine's best."""
+    """PyTorch's, of two square matrices."""
     one, other, product = (torch.ones(1024, 1024) for _ in range(3))
     return lambda: torch.mm(one, other, out=product)
 
 
 def measure_limits(threads: int) -> Limits:
-    """Peaks by a matrix product, which PyTorch's library runs near the machine's best, and by a copy."""
+    """Peaks by a loop of multiply-adds and by a copy; a matrix product beside them."""
     torch.set_num_threads(threads)
+    sets = [isa for isa in _kernels.Isa.__members__.values() if _kernels.isa_available(isa)]
+    loops = {isa.name: 1000 * run() / median_ms(run) for isa in sets for run in [multiply_adds(threads, isa)]}
     product_ms = median_ms(matrix_product())
     source = torch.ones(4 * 2**20)
     target = torch.empty_like(source)
     copy_ms = median_ms(lambda: target.copy_(source))
-    return Limits(threads, 1000 * PRODUCT / product_ms, 1000 * 2 * source.nbytes / copy_ms)
+    in_use = loops[_kernels.chosen_isa().name]
+    return Limits(threads, loops, in_use, 1000 * PRODUCT / product_ms, 1000 * 2 * source.nbytes / copy_ms)

@@ -10,58 +10,47 @@ from bytes:
 * openvino: the same ONNX file, latency hint;
 * OpenCV's StereoBM and StereoSGBM, 192 disparities.
 All take turns, so that a machine whose speed drifts is the same for all. Times are medians of one call in milliseconds,
-ratios are medians over the turns. The limit is the multiply-adds over the peak, that of a matrix product in each turn.
+ratios are medians over the turns. The limit is the multiply-adds over the peak, that of a loop of nothing else in each
+turn; a matrix product stands beside it.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import resource
 import statistics
-import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
-from measure import PRODUCT, Limits, interleaved_ms, matrix_product, measure_limits, median_ratio, plain_operators
+from measure import (
+    HEIGHT,
+    WIDTH,
+    Limits,
+    console,
+    interleaved_ms,
+    matrix_product,
+    measure_limits,
+    median_ratio,
+    multiply_adds,
+    options,
+    pair,
+    subplots,
+    write_json,
+)
+from peers import peers
 from rich.console import Console
 from rich.table import Table
-from torch import Tensor, nn
+from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
 import anynet_ext
-from anynet import AnyNet, Predictor, load_checkpoint, network
-
-HEIGHT, WIDTH = 368, 1232
-
-
-def pair(height: int = HEIGHT, width: int = WIDTH) -> tuple[np.ndarray, np.ndarray]:
-    """Smooth texture, the left image shifted by 20 pixels against the right one."""
-    random = np.random.default_rng(0)
-    coarse = random.integers(0, 256, (height // 8 + 2, width // 8 + 8, 3), dtype=np.uint8)
-    texture = cv2.resize(coarse, (width + 20, height), interpolation=cv2.INTER_CUBIC)
-    return texture[:, :-20].copy(), texture[:, 20:].copy()
-
-
-class Plain(nn.Module):
-    """The first stages of a network, on PyTorch's own operators."""
-
-    def __init__(self, model: AnyNet, stages: int) -> None:
-        super().__init__()
-        self.model, self.stages = model, stages
-
-    def forward(self, left: Tensor, right: Tensor) -> Tensor:
-        *_, last = islice(self.model.stages(left, right), self.stages)
-        return last
+from anynet import AnyNet, Predictor, load_checkpoint
 
 
 class Counter(TorchDispatchMode):
@@ -86,75 +75,9 @@ class Counter(TorchDispatchMode):
 
 
 def stem_multiply_adds(model: AnyNet) -> int:
-    """Of the first two layers, which the inference graph computes inside one operator."""
-    c, pixels = model.config.channels, HEIGHT * WIDTH * model.config.input_scale**2
+    """Of the first two layers, which the deployed network computes inside one operator."""
+    c, pixels = model.config.features.channels, HEIGHT * WIDTH * model.config.enlargement**2
     return 2 * (pixels * 27 * c + pixels // 4 * 9 * c * c)
-
-
-@contextmanager
-def peers(weights: str, threads: int, console: Console) -> Iterator[dict[str, Callable[[], object]]]:
-    """Calls of one pair by the name of the peer."""
-    torch.set_num_threads(threads)
-    cv2.setNumThreads(threads)
-    left, right = pair()
-    tensors = tuple(
-        torch.from_numpy((image / 255 - network.MEAN) / network.STD).permute(2, 0, 1)[None].float().contiguous()
-        for image in (left, right)
-    )
-    calls: dict[str, Callable[[], object]] = {}
-    model = load_checkpoint(weights)
-    with plain_operators(), torch.no_grad(), tempfile.TemporaryDirectory() as folder:
-        for stages in (1, 3, 4):
-            plain = Plain(model, stages).eval()
-            calls[f"eager, {stages} stages"] = lambda plain=plain: plain(*tensors)
-        plain = Plain(model, 3).eval()
-        expected = plain(*tensors)
-
-        def check(name: str, out: Tensor) -> None:
-            if not torch.allclose(out, expected, atol=0.05):
-                console.print(f"{name}: differs from eager by up to {(out - expected).abs().max():.3f} px")
-
-        torch._dynamo.reset()
-        with torch._inductor.config.patch(freezing=True):
-            compiled = torch.compile(torch.export.export(plain, tensors).module())
-            check("torch.compile", compiled(*tensors))
-        calls["torch.compile, 3 stages"] = lambda: compiled(*tensors)
-
-        path = f"{folder}/three_stages.onnx"
-        torch.onnx.export(plain, tensors, path, dynamo=True, optimize=True, verbose=False)
-        calls |= _onnx_peers(path, tensors, threads, check)
-        gray = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
-        matcher = cv2.StereoBM.create(numDisparities=192, blockSize=15)
-        calls["OpenCV StereoBM"] = lambda: matcher.compute(*gray)
-        semi_global = cv2.StereoSGBM.create(minDisparity=0, numDisparities=192, blockSize=5, P1=200, P2=800)
-        calls["OpenCV StereoSGBM"] = lambda: semi_global.compute(*gray)
-        yield calls
-
-
-def _onnx_peers(
-    path: str, tensors: tuple[Tensor, ...], threads: int, check: Callable[[str, Tensor], None]
-) -> dict[str, Callable[[], object]]:
-    import onnxruntime
-    import openvino
-
-    arrays = [t.numpy() for t in tensors]
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # not while the others take their turns
-    session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
-    feed = {node.name: array for node, array in zip(session.get_inputs(), arrays, strict=True)}
-    check("onnxruntime", torch.from_numpy(session.run(None, feed)[0]))
-
-    core = openvino.Core()
-    settings = {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads, "INFERENCE_PRECISION_HINT": "f32"}
-    request = core.compile_model(path, "CPU", settings).create_infer_request()
-    check("openvino", torch.from_numpy(request.infer(arrays)[0]))
-    return {
-        "onnxruntime, 3 stages": lambda: session.run(None, feed),
-        "openvino, 3 stages": lambda: request.infer(arrays),
-    }
 
 
 def ours(predictor: Predictor) -> dict[str, Callable[[], object]]:
@@ -186,7 +109,7 @@ def count(weights: str, threads: int, stage: int, frames: int) -> tuple[int, lis
     return counter.multiply_adds + stem_multiply_adds(load_checkpoint(weights)), calls
 
 
-def sizes(weights: str, threads: int, console: Console) -> dict[str, Any]:
+def sizes(weights: str, threads: int, out: Console) -> dict[str, Any]:
     """All stages over image sizes of 1/4 to 4 times KITTI's: milliseconds, and the fit a + b * megapixels.
 
     And over batches of the network in PyTorch, which the predictor's pairs do not make use of.
@@ -199,36 +122,31 @@ def sizes(weights: str, threads: int, console: Console) -> dict[str, Any]:
         left, right = pair(height, width)
         calls[f"{height} x {width}"] = lambda left=left, right=right: predictor.predict(left, right)
         megapixels.append(height * width / 1e6)
-    growth = {"megapixel": _fit(calls, megapixels, "megapixel", console)}
+    growth = {"megapixel": _fit(calls, megapixels, "megapixel", out)}
     model = load_checkpoint(weights).eval()
     batches = {n: torch.rand(2, n, 3, HEIGHT, WIDTH) for n in (1, 2, 4, 8)}
     with torch.inference_mode():
         calls = {f"batch of {n}": lambda images=images: model(*images) for n, images in batches.items()}
-        growth["pair"] = _fit(calls, list(batches), "pair", console, rounds=10)
+        growth["pair"] = _fit(calls, list(batches), "pair", out, rounds=10)
     return growth
 
 
 def _fit(
-    calls: dict[str, Callable[[], object]], amounts: Sequence[float], unit: str, console: Console, rounds: int = 30
+    calls: dict[str, Callable[[], object]], amounts: Sequence[float], unit: str, out: Console, rounds: int = 30
 ) -> dict[str, Any]:
     """Times of the calls, and the straight line through them."""
     times = {name: statistics.median(each) for name, each in interleaved_ms(calls, rounds, slow=1e3).items()}
     for (name, ms), amount in zip(times.items(), amounts, strict=True):
-        console.print(f"{name}: {ms:.2f} ms, {ms / amount:.1f} ms per {unit}")
+        out.print(f"{name}: {ms:.2f} ms, {ms / amount:.1f} ms per {unit}")
     slope, start = np.polyfit(amounts, list(times.values()), 1)
     worst = max(abs(start + slope * x - ms) / ms for x, ms in zip(amounts, times.values(), strict=True))
-    console.print(f"{start:.2f} ms + {slope:.1f} ms per {unit}, within {100 * worst:.0f} %")
+    out.print(f"{start:.2f} ms + {slope:.1f} ms per {unit}, within {100 * worst:.0f} %")
     return {"ms": times, "start_ms": start, f"ms_per_{unit}": slope, "largest_deviation": worst}
 
 
 def roofline(calls: list[tuple[str, float, int, int]], limits: Limits, file: Path) -> None:
     """Every convolution of a frame under the roof of peak arithmetic and copy bandwidth."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(7, 5), layout="constrained")
+    figure, axes = subplots(figsize=(7, 5))
     intensity = np.logspace(-1, 3, 100)
     axes.loglog(intensity, np.minimum(limits.operations, intensity * limits.bandwidth) / 1e9, "k-", label="limit")
     for name in ("anynet::conv3x3", "anynet::conv3x3x3"):
@@ -246,7 +164,7 @@ def goals(times: dict[str, list[float]], work: dict[str, int], memory: float) ->
     four, three = times["ours, stage 4"], times["ours, stage 3"]
     table = Table("", "measured", "goal")
     for name, goal in (("ours, stage 4", "<= 2.0 x"), ("ours, stage 1", "<= 5 ms")):
-        limit = [ms * work[name] / PRODUCT for ms in times["matrix product"]]
+        limit = [ms * work[name] / work["multiply-adds"] for ms in times["multiply-adds"]]
         ms, ratio, floor = statistics.median(times[name]), median_ratio(times[name], limit), statistics.median(limit)
         table.add_row(name, f"{ms:.2f} ms, {ratio:.2f} x the limit of {floor:.2f} ms", goal)
     learned = [name for name in times if name.endswith("3 stages") and not name.startswith("eager")]
@@ -262,9 +180,8 @@ def goals(times: dict[str, list[float]], work: dict[str, int], memory: float) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--weights", default="default")
-    parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=40)
     parser.add_argument("--no-peers", action="store_true", help="only ours and the limits")
     parser.add_argument("--sizes", action="store_true", help="also how the time grows with the image")
@@ -272,7 +189,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write all figures here")
     parser.add_argument("--plot", type=Path, help="write a roofline plot here")
     arguments = parser.parse_args()
-    console, threads = Console(), arguments.threads
+    out, threads = console(), arguments.threads
     torch.set_num_threads(threads)
     predictor = Predictor(arguments.weights, threads=threads)
     memory = memory_mb(predictor)
@@ -280,32 +197,34 @@ def main() -> None:
     if threads > 1:
         alone = ours(Predictor(arguments.weights, threads=1))
         mine["ours, stage 4, one thread"] = alone["ours, stage 4"]
-    with nullcontext({}) if arguments.no_peers else peers(arguments.weights, threads, console) as others:
-        times = interleaved_ms({"matrix product": matrix_product(), **mine, **others}, arguments.rounds)
+    with nullcontext({}) if arguments.no_peers else peers(arguments.weights, threads, out) as others:
+        loop = multiply_adds(threads)
+        yardsticks = {"multiply-adds": loop, "matrix product": matrix_product()}
+        times = interleaved_ms({**yardsticks, **mine, **others}, arguments.rounds)
     limits = measure_limits(threads)
     stages = load_checkpoint(arguments.weights).config.stages
     of_all, calls = count(arguments.weights, threads, stages, frames=20)
     work = {"ours, stage 1": count(arguments.weights, threads, 1, frames=1)[0], f"ours, stage {stages}": of_all}
+    work["multiply-adds"] = loop()
     table = Table("", "ms", title=f"{threads} thread(s), 1x3x{HEIGHT}x{WIDTH}")
     for name, each in times.items():
         table.add_row(name, f"{statistics.median(each):.1f}")
-    console.print(table, goals(times, work, memory))
+    out.print(str(limits), table, goals(times, work, memory))
     if arguments.operators:
-        console.print(operators(calls))
+        out.print(operators(calls))
     if arguments.plot:
         roofline(calls, limits, arguments.plot)
-    growth = sizes(arguments.weights, threads, console) if arguments.sizes else None
-    if arguments.json:
-        report = {
-            "build": anynet_ext.build_info(),
-            "threads": threads,
-            "ms": {name: [round(ms, 2) for ms in each] for name, each in times.items()},
-            "multiply_adds": work,
-            "limits": asdict(limits),
-            "memory_mb": memory,
-            "sizes": growth,
-        }
-        arguments.json.write_text(json.dumps(report, indent=2))
+    growth = sizes(arguments.weights, threads, out) if arguments.sizes else None
+    report = {
+        "build": anynet_ext.build_info(),
+        "threads": threads,
+        "ms": {name: [round(ms, 2) for ms in each] for name, each in times.items()},
+        "multiply_adds": work,
+        "limits": asdict(limits),
+        "memory_mb": memory,
+        "sizes": growth,
+    }
+    write_json(arguments.json, report)
 
 
 def operators(calls: list[tuple[str, float, int, int]]) -> Table:

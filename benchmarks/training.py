@@ -11,13 +11,11 @@ the network.
 
 from __future__ import annotations
 
-import argparse
 import statistics
 from collections.abc import Callable
 
 import torch
-from measure import CONVOLUTIONS, OPERATORS, interleaved_ms, median_ratio, plain_operators
-from rich.console import Console
+from measure import CONVOLUTIONS, OPERATORS, PlainOperators, console, interleaved_ms, median_ratio, options
 from rich.table import Table
 
 from anynet import AnyNet
@@ -34,7 +32,7 @@ def steps(batch: int, height: int, width: int) -> dict[str, Callable[[], None]]:
         torch.autograd.backward(model(*images), gradients)
 
     def without(names: tuple[str, ...]) -> None:
-        with plain_operators(names):
+        with PlainOperators(names):
             ours()
 
     return {
@@ -45,8 +43,7 @@ def steps(batch: int, height: int, width: int) -> dict[str, Callable[[], None]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--threads", type=int, default=2)
+    parser = options(__doc__)
     parser.add_argument("--batch", type=int, default=6)
     parser.add_argument("--size", type=int, nargs=2, default=(256, 512), metavar=("HEIGHT", "WIDTH"))
     parser.add_argument("--rounds", type=int, default=8)
@@ -56,7 +53,7 @@ def main() -> None:
     table = Table("", "ms", "against ours", title=f"{arguments.threads} thread(s), batch {arguments.batch}")
     for name, each in times.items():
         table.add_row(name, f"{statistics.median(each):.0f}", f"{median_ratio(each, times['ours']):.2f} x")
-    Console().print(table)
+    console().print(table)
 
 
 if __name__ == "__main__":

@@ -8,13 +8,11 @@ drifts is the same for all; ratios are medians over the turns.
 
 from __future__ import annotations
 
-import argparse
 import statistics
 from collections.abc import Callable, Iterable
 
 import cv2
-from measure import median_ratio
-from rich.console import Console
+from measure import HEIGHT, WIDTH, console, median_ratio, options
 from rich.table import Table
 
 from anynet import Predictor
@@ -26,16 +24,17 @@ SCALES = {"default": (1, 1.25, 1.5, 2), "large": (1, 1.5, 2, 3), "kitti": (1, 2)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--threads", type=int, default=2)
+    parser = options(__doc__)
     parser.add_argument("--rounds", type=int, default=15)
     arguments = parser.parse_args()
     cv2.setNumThreads(arguments.threads)
-    pair = render(0, 368, 1232, preset="street")
+    pair = render(0, HEIGHT, WIDTH, preset="street")
     methods: dict[str, Callable[..., Iterable[Estimate]]] = {"OpenCV SGBM": sgbm, "OpenCV BM": bm}
     for weights, scales in SCALES.items():
         for scale in scales:
-            methods[f"{weights}, input_scale={scale:g}"] = Predictor(weights, arguments.threads, scale).stages
+            methods[f"{weights}, input_scale={scale:g}"] = Predictor(
+                weights, threads=arguments.threads, input_scale=scale
+            ).stages
     times: dict[str, list[list[float]]] = {name: [] for name in methods}
     for _ in range(arguments.rounds + 1):
         for name, method in methods.items():
@@ -47,7 +46,7 @@ def main() -> None:
         ratios = [median_ratio(stage, reference) for stage in stages]
         milliseconds = " ".join(f"{statistics.median(stage):.0f}" for stage in stages)
         table.add_row(name, milliseconds, " ".join(f"{ratio:.2f}" for ratio in ratios))
-    Console().print(table)
+    console().print(table)
 
 
 if __name__ == "__main__":

@@ -5,16 +5,27 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from anynet.checkpoint import load_checkpoint, save_checkpoint
-    from anynet.config import AnyNetConfig
-    from anynet.network import AnyNet
+    from anynet.errors import AnyNetError
+    from anynet.model.anynet import AnyNet
+    from anynet.model.config import AnyNetConfig
     from anynet.predictor import Estimate, Predictor
     from anynet.worker import Worker
 
-__all__ = ["AnyNet", "AnyNetConfig", "Estimate", "Predictor", "Worker", "load_checkpoint", "save_checkpoint"]
+__all__ = [
+    "AnyNet",
+    "AnyNetConfig",
+    "AnyNetError",
+    "Estimate",
+    "Predictor",
+    "Worker",
+    "load_checkpoint",
+    "save_checkpoint",
+]
 
 _MODULES = {
-    "AnyNet": "network",
-    "AnyNetConfig": "config",
+    "AnyNet": "model.anynet",
+    "AnyNetConfig": "model.config",
+    "AnyNetError": "errors",
     "Estimate": "predictor",
     "Predictor": "predictor",
     "Worker": "worker",
@@ -28,3 +39,7 @@ def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module 'anynet' has no attribute {name!r}")
     return getattr(import_module(f"anynet.{_MODULES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -3,3 +3,8 @@
 
 class AnyNetError(ValueError):
     """A file, an image or an option is not usable; the message says in one line what was expected and what came."""
+
+
+def one_line(error: BaseException) -> str:
+    """What the error says, at most 200 characters of it."""
+    return " ".join(str(error).split())[:200] or type(error).__name__

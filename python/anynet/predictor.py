@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import os
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from time import perf_counter
 
 import cv2
@@ -18,9 +19,11 @@ from torch import Tensor
 
 from anynet.checkpoint import load_checkpoint
 from anynet.errors import AnyNetError
-from anynet.inference import InferenceGraph
+from anynet.model.deploy import DeployedAnyNet
+from anynet.scheduler import MAX_THREADS, LatencyTable
+from anynet.shutdown import computing
 
-INPUT_SCALES = 1 / 16, 4.0  # smallest and largest
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 
 
 @dataclass(frozen=True)
@@ -54,30 +57,17 @@ class Predictor:
     def __init__(
         self,
         weights: str | os.PathLike[str] = "default",
+        *,
         threads: int | None = None,
         input_scale: float | None = None,
     ) -> None:
-        if threads is not None and threads < 1:
-            raise AnyNetError(f"Predictor: expected threads >= 1, got {threads}")
-        low, high = INPUT_SCALES
-        if input_scale is None:
-            doubled, self._zoom = None, 1.0
-        elif low <= input_scale <= high:
-            # The network itself can double the size, without an enlarged image in memory; the rest is done before it.
-            doubled = 2 if input_scale >= 2 else 1
-            self._zoom = input_scale / doubled
-        else:
-            raise AnyNetError(f"Predictor: expected input_scale from {low:g} to {high:g}, got {input_scale:g}")
-        model = load_checkpoint(weights, doubled)
-        if self._zoom > 1:
-            model.config = model.config.reaching(self._zoom)
-        self.config = model.config
+        if threads is not None and (type(threads) is not int or not 1 <= threads <= MAX_THREADS):
+            raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
+        self._network = DeployedAnyNet(load_checkpoint(weights, input_scale))
+        self.config = self._network.config
         self.threads = threads
-        self._graph = InferenceGraph(model)
-        # By height, width and threads.
-        self._latencies: defaultdict[tuple[int, int, int], _Latencies] = defaultdict(
-            lambda: _Latencies(self.config.stages)
-        )
+        self._latencies = LatencyTable(self.config.stages)
+        _keep_freed_memory()
 
     def stages(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Iterator[Estimate]:
         """The estimates, each computed when it is asked for; `elapsed_ms` includes the caller's time in between.
@@ -100,18 +90,19 @@ class Predictor:
             yield Estimate(stage, disparity, 1e3 * (perf_counter() - start))
 
     def _steps(self, left: Tensor, right: Tensor) -> Iterator[Callable[[], Tensor]]:
-        """The graph's functions, of the images resized, giving disparity in their own size and pixels."""
-        if self._zoom == 1:
-            return self._graph.stages(left, right)
+        """The network's functions, of the images resized, giving disparity in their own size and pixels."""
+        zoom = self.config.zoom
+        if zoom == 1:
+            return self._network.stages(left, right)
         height, width = left.shape[:2]
-        size = max(1, round(self._zoom * width)), max(1, round(self._zoom * height))
-        means = cv2.INTER_AREA if self._zoom < 1 else cv2.INTER_LINEAR
-        images = (torch.from_numpy(cv2.resize(image.numpy(), size, interpolation=means)) for image in (left, right))
+        size = max(1, round(zoom * width)), max(1, round(zoom * height))
+        interpolation = cv2.INTER_AREA if zoom < 1 else cv2.INTER_LINEAR
+        images = (torch.from_numpy(cv2.resize(i.numpy(), size, interpolation=interpolation)) for i in (left, right))
 
         def resized(step: Callable[[], Tensor]) -> Callable[[], Tensor]:
             return lambda: torch.from_numpy(cv2.resize(step().numpy(), (width, height))).mul_(width / size[0])
 
-        return map(resized, self._graph.stages(*images))
+        return map(resized, self._network.stages(*images))
 
     def predict(
         self,
@@ -131,16 +122,22 @@ class Predictor:
         Raises:
             AnyNetError: if an argument is not that.
         """
+        with computing():
+            return self._predict(left, right, budget_ms, stage)
+
+    def _predict(
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8], budget_ms: float | None, stage: int | None
+    ) -> Estimate:
         start = perf_counter()
         images = check_images(left, right)
         if stage is None:
             stage = self.config.stages
-        elif not 1 <= stage <= self.config.stages:
-            raise AnyNetError(f"predict: expected stage from 1 to {self.config.stages}, got {stage}")
+        elif type(stage) is not int or not 1 <= stage <= self.config.stages:
+            raise AnyNetError(f"predict: expected stage from 1 to {self.config.stages}, got {stage!r}")
         if budget_ms is None:
             budget_ms = math.inf
-        elif not budget_ms >= 0:
-            raise AnyNetError(f"predict: expected budget_ms >= 0, got {budget_ms}")
+        elif isinstance(budget_ms, bool) or not isinstance(budget_ms, (int, float)) or not budget_ms >= 0:
+            raise AnyNetError(f"predict: expected budget_ms >= 0, got {budget_ms!r}")
         height, width = left.shape[:2]
         with self._computing() as threads:
             latencies = self._latencies[height, width, threads]
@@ -168,14 +165,15 @@ class Predictor:
         """Inference mode on this predictor's threads; gives their number."""
         before = torch.get_num_threads()
         threads = 1 if _forked else self.threads or before
-        if threads != before:
-            torch.set_num_threads(threads)
-        try:
-            with torch.inference_mode():
-                yield threads
-        finally:
+        with computing():
             if threads != before:
-                torch.set_num_threads(before)
+                torch.set_num_threads(threads)
+            try:
+                with torch.inference_mode():
+                    yield threads
+            finally:
+                if threads != before:
+                    torch.set_num_threads(before)
 
 
 def check_images(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Tensor, Tensor]:
@@ -192,44 +190,6 @@ def check_images(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Ten
     return first, second
 
 
-class _Latency:
-    """Seconds that something takes, learnt from the last few times.
-
-    Without a lock: its values are never changed in place, and threads that meet lose at most a measurement.
-    """
-
-    RECENT = 16
-    PATIENCE = 100  # times in a row to do without before hoping again: the machine may have been busy
-
-    def __init__(self) -> None:
-        self._recent: tuple[float, ...] = ()
-        self._fastest = math.inf
-        self._skips = 0
-
-    def expected(self, unknown: float) -> float:
-        """The second slowest of the recent ones, so that one hiccup rules nothing out; `unknown` if there are none."""
-        if self._skips >= self.PATIENCE:
-            return min(self._fastest, unknown)
-        return max(sorted(self._recent)[-2:-1] or self._recent, default=unknown)
-
-    def measured(self, seconds: float) -> None:
-        before = () if self._skips >= self.PATIENCE else self._recent
-        self._recent = (*before, seconds)[-self.RECENT :]
-        self._fastest = min(self._fastest, seconds)
-        self._skips = 0
-
-    def skipped(self) -> None:
-        self._skips += 1
-
-
-class _Latencies:
-    """What the parts of a frame take, for one image size and number of threads."""
-
-    def __init__(self, stages: int) -> None:
-        self.stages = [_Latency() for _ in range(stages)]
-        self.enlarging = _Latency()
-
-
 _forked = False
 
 
@@ -239,3 +199,17 @@ def _after_fork() -> None:
 
 
 os.register_at_fork(after_in_child=_after_fork)
+
+
+@cache
+def _keep_freed_memory() -> None:
+    """Has glibc keep what a frame frees for the next one, instead of handing it back to be faulted in again.
+
+    For the whole process: PyTorch's volumes of many megabytes come from there.
+    """
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError):  # not glibc
+        return
+    mallopt(M_MMAP_THRESHOLD, 32 * 2**20)  # the largest that it takes
+    mallopt(M_TRIM_THRESHOLD, 64 * 2**20)

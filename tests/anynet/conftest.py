@@ -1,23 +1,10 @@
 from __future__ import annotations
 
-import math
-
 import pytest
-import torch
-from torch import nn
+from networks import wild
 
 from anynet import AnyNet, AnyNetConfig
-from anynet.network import Convolution
-
-
-def wild(config: AnyNetConfig | None = None, seed: int = 8) -> AnyNet:
-    """Random weights of larger scales than training begins with: disparities from -40 to 200, mostly positive."""
-    model = AnyNet(config)
-    torch.manual_seed(seed)
-    for module in model.modules():
-        if isinstance(module, Convolution):
-            nn.init.normal_(module.weight, std=math.sqrt(2 / module.weight[:, 0].numel()))
-    return model.eval()
+from anynet.model.config import FeaturesConfig, FirstStageConfig, RefinementConfig, ResidualStagesConfig
 
 
 @pytest.fixture(scope="session")
@@ -28,28 +15,28 @@ def wild_model() -> AnyNet:
 @pytest.fixture(scope="session")
 def wild_large_model() -> AnyNet:
     """Not of the paper's shape: more of everything, on enlarged images."""
-    ranges = (0, 11), (-4, 4), (-3, 3), (-2, 2)
     # Some seeds' gates multiply rounding by thousands: the same network in double precision is then as far off.
     return wild(
         AnyNetConfig(
             input_scale=2,
-            channels=4,
-            blocks=3,
             groups=4,
-            hourglass=2,
-            finer_costs=True,
-            guided=True,
-            cost_channels=(16, 16, 8, 4),
-            ranges=ranges,
-            spn_directions=(1, 0),
-            spn_combine="mean",
-            spn_mismatch=True,
-            spn_upsampling=True,
+            features=FeaturesConfig(channels=4, blocks=3),
+            first_stage=FirstStageConfig(hourglass=2, fine_costs=True, excitation=True),
+            residual_stages=ResidualStagesConfig(ranges=((-4, 4), (-3, 3), (-2, 2)), channels=(16, 8, 4)),
+            refinement=RefinementConfig(directions=(1, 0), warp_error=True, convex_upsampling=True),
         ),
         seed=9,
     )
 
 
 @pytest.fixture(scope="session")
-def wild_updating_model() -> AnyNet:
-    return wild(AnyNetConfig(channels=2, groups=2, neighbours=2, spn_mismatch=True))
+def wild_candidate_model() -> AnyNet:
+    return wild(
+        AnyNetConfig(
+            groups=2,
+            features=FeaturesConfig(channels=2),
+            residual_stages=ResidualStagesConfig(candidate_radius=2),
+            refinement=RefinementConfig(warp_error=True),
+        ),
+        seed=10,
+    )

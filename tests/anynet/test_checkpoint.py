@@ -1,22 +1,27 @@
 from __future__ import annotations
 
+import json
 import os
 import pickle
+import resource
+from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
+from time import perf_counter
 
 import cv2
 import numpy as np
 import pytest
 import torch
+from networks import wild
 from safetensors.torch import save_file
 from skimage.data import stereo_motorcycle
 
-from anynet import AnyNet, AnyNetConfig, Predictor, load_checkpoint, save_checkpoint
-from anynet.checkpoint import PACKAGED, load_metadata
+from anynet import AnyNet, AnyNetConfig, Predictor, checkpoint, load_checkpoint, save_checkpoint
+from anynet.checkpoint import PACKAGED, load_metadata, load_partial
 from anynet.errors import AnyNetError
 from anynet.evaluation.metrics import scores
-from anynet.network import MEAN, STD
+from anynet.model.config import MEAN, STD, FirstStageConfig, RefinementConfig, ResidualStagesConfig
 
 SHARED = Path(__file__).parents[2] / ".." / "shared"
 needs_shared = pytest.mark.skipif(not SHARED.exists(), reason="the authors' weights and KITTI are not in ../shared")
@@ -31,7 +36,7 @@ def saved(tmp_path: Path) -> Path:
 
 def test_round_trip(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    config = AnyNetConfig(spn_directions=(0, 1), spn_combine="mean", cost_channels=(8, 4, 4))
+    config = AnyNetConfig(first_stage=FirstStageConfig(channels=8), refinement=RefinementConfig(directions=(0, 1)))
     model = AnyNet(config)
     model(*torch.randn(2, 1, 3, 32, 32))  # moves the batch-norm statistics
     path = tmp_path / "weights.safetensors"
@@ -105,6 +110,102 @@ def test_no_code_of_a_checkpoint_is_run(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match=r"trap.tar"):
         load_checkpoint(tmp_path / "trap.tar")
     assert not (tmp_path / "sprung").exists()
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        ({"residual_stages": {"candidate_radius": 2**63 - 1}}, "candidate_radius as an integer from 0 to 64"),
+        ({"residual_stages": {"candidate_radius": 10**6}}, "candidate_radius as an integer from 0 to 64"),
+        ({"features": {"channels": 3000}}, "channels as an integer from 1 to 64"),
+        ({"features": {"channels": 64}}, "has shape .*, not "),  # possible, but not of these tensors
+        ({"features": {"blocks": 60}}, "blocks as an integer from 1 to 5"),
+        ({"features": {"layers": 10**7}}, "layers as an integer"),
+        ({"first_stage": {"layers": 10**6}}, "layers as an integer"),
+        ({"first_stage": {"range": [0, 10**9]}}, "range as"),
+        ({"refinement": {"directions": [0.0]}}, "directions of distinct"),
+        ({"input_scale": 2.5e300}, "input_scale from"),
+        ({"depth": 3}, "got 'depth'"),
+        ([1, 2], "config as a JSON object, got list"),
+        (None, "config as a JSON object, got NoneType"),
+    ],
+)
+def test_impossible_configurations_cost_neither_time_nor_memory(tmp_path: Path, config: object, message: str) -> None:
+    path = tmp_path / "impossible.safetensors"
+    save_file(AnyNet().state_dict(), path, {"config": json.dumps(config), "metadata": "{}"})
+    before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, perf_counter()
+    with pytest.raises(AnyNetError, match=f"impossible.safetensors: .*{message}"):
+        load_checkpoint(path)
+    assert perf_counter() - start < 2
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # KiB
+
+
+@pytest.mark.parametrize(
+    "header", ["[" * 3000, "[" * 100_000, "{", "", '{"features": ' * 2000, '"' + "x" * 2**21 + '"']
+)
+def test_a_header_that_is_no_configuration(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "header.safetensors"
+    save_file(AnyNet().state_dict(), path, {"config": header, "metadata": "{}"})
+    with pytest.raises(AnyNetError, match=r"header.safetensors: its configuration is not AnyNet's"):
+        load_checkpoint(path)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_weights_that_are_not_finite(saved: Path, value: float) -> None:
+    model = load_checkpoint(saved)
+    with torch.no_grad():
+        model.refinement.expand.weight[3, 0, 1, 1] = value
+    save_checkpoint(saved, model)
+    with pytest.raises(
+        AnyNetError, match=r"weights.safetensors: expected finite weights, .* in refinement.expand.weight"
+    ):
+        load_checkpoint(saved)
+
+
+def test_tensors_of_another_type_or_of_nobody(saved: Path) -> None:
+    state, header = AnyNet().state_dict(), {"config": json.dumps(asdict(AnyNetConfig())), "metadata": "{}"}
+    name = "refinement.expand.weight"
+    for change, message in (
+        ({name: state[name].half()}, "refinement.expand.weight is torch.float16, not torch.float32"),
+        ({"more": torch.zeros(1)}, "the network has no more"),
+    ):
+        save_file({**state, **change}, saved, header)
+        with pytest.raises(AnyNetError, match=message):
+            load_checkpoint(saved)
+    del state[name]
+    save_file(state, saved, header)
+    with pytest.raises(AnyNetError, match=r"refinement.expand.weight is missing"):
+        load_checkpoint(saved)
+
+
+def test_a_file_larger_than_the_limit(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checkpoint, "LIMIT", 1000)
+    with pytest.raises(AnyNetError, match=r"weights.safetensors: expected a file of at most 1000 bytes, got \d+"):
+        load_checkpoint(saved)
+
+
+def test_a_loaded_network_does_not_change_with_its_file(saved: Path) -> None:
+    model = load_checkpoint(saved)
+    before = {name: tensor.clone() for name, tensor in model.state_dict().items()}
+    saved.write_bytes(bytes(saved.stat().st_size))
+    assert all(torch.equal(tensor, before[name]) for name, tensor in model.state_dict().items())
+
+
+def test_partial_weights(tmp_path: Path) -> None:
+    path = tmp_path / "wild.safetensors"
+    save_checkpoint(path, wild())
+    larger = AnyNetConfig(residual_stages=ResidualStagesConfig(channels=(8, 4)))
+    stored, partial, fresh = load_checkpoint(path).state_dict(), load_partial(path, larger), AnyNet(larger)
+    assert partial.config == larger
+    for name, tensor in partial.state_dict().items():
+        if stored[name].shape == tensor.shape:
+            assert torch.equal(tensor, stored[name]), name
+        else:
+            assert name.startswith("residual_stages.0.network"), name
+            assert tensor.std() < 5 * fresh.state_dict()[name].std() + 1e-6
+    save_file({"fc": torch.zeros(3)}, path, {"config": json.dumps(asdict(larger)), "metadata": "{}"})
+    with pytest.raises(AnyNetError, match="expected weights of a part of the network, got none"):
+        load_partial(path, larger)
 
 
 def d1_per_pair(weights: str, names: list[str]) -> np.ndarray:

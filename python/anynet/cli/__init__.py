@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 # name: module in this package that has a function of that name, summary
 COMMANDS = {
     "predict": ("predict", "Disparity, depth and point clouds from pairs of images."),
+    "stream": ("stream", "The same as the frames come: cameras, videos, folders, recordings."),
     "demo": ("demo", "Every stage on a real pair that comes along: times, errors, pictures."),
+    "calibrate": ("calibrate", "A rig's calibration from pictures of a board."),
     "train": ("train", "Train a network from scratch."),
     "finetune": ("train", "Train weights further on other data."),
     "evaluate": ("evaluate", "Error and time of networks and of OpenCV's matchers on data sets."),

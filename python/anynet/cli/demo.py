@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,13 +12,30 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from anynet.cli.calibration import (
+    Alpha,
+    Baseline,
+    Calib,
+    CalibPair,
+    CalibUnit,
+    CameraOptions,
+    Check,
+    Cx,
+    Cy,
+    Doffs,
+    FixRows,
+    Focal,
+    MinDisparity,
+    Raw,
+)
+from anynet.cli.told import collected_warnings
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
 
 if TYPE_CHECKING:
     from anynet import Estimate, Predictor
-    from anynet.data import StereoSample
-    from anynet.io import Calibration
+    from anynet.camera import Calibration, PairPreparation, PreparedPair
+    from anynet.samples import StereoSample
 
 _RUNS = 5  # after one to warm up; the table has their medians
 
@@ -26,12 +45,33 @@ def demo(
         Path | None, typer.Argument(metavar="LEFT", help="Left image of a pair of your own.", show_default=False)
     ] = None,
     right: Annotated[Path | None, typer.Argument(metavar="RIGHT", help="Right image.", show_default=False)] = None,
-    truth: Annotated[Path | None, typer.Option(help="Its true disparity: KITTI PNG, PFM, NPY or NPZ.")] = None,
-    calib: Annotated[Path | None, typer.Option(help="Its calibration: KITTI, Middlebury or OpenCV.")] = None,
+    truth: Annotated[
+        Path | None, typer.Option(help="Its true disparity: KITTI PNG, PFM, NPY or NPZ.", show_default=False)
+    ] = None,
+    truth_scale: Annotated[
+        float | None, typer.Option(help="Levels per pixel of disparity in a PNG.", show_default="KITTI's 256")
+    ] = None,
+    calib: Calib = None,
+    calib_unit: CalibUnit = None,
+    calib_pair: CalibPair = None,
+    focal: Focal = None,
+    baseline: Baseline = None,
+    cx: Cx = None,
+    cy: Cy = None,
+    doffs: Doffs = None,
+    raw: Raw = None,
+    alpha: Alpha = None,
+    save_rectified: Annotated[bool, typer.Option("--save-rectified", help="Write the rectified images too.")] = False,
+    fix_rows: FixRows = False,
+    min_disparity: MinDisparity = None,
+    check: Check = True,
     rendered: Annotated[bool, typer.Option("--rendered", help="Use a rendered scene.")] = False,
     seed: Annotated[int, typer.Option(help="Which rendered scene.")] = 0,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("anynet-demo"),
     weights: Annotated[str, typer.Option(help="A packaged name, or a path.")] = "default",
+    input_scale: Annotated[
+        float | None, typer.Option(help="Work on the images resized by this factor.", show_default="the weights'")
+    ] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
 ) -> None:
     """Every stage on one pair: a table of times and errors, a picture of the stages, a point cloud.
@@ -42,19 +82,39 @@ def demo(
         raise AnyNetError("expected two images or none")
     if rendered and left is not None:
         raise AnyNetError("--rendered and a pair of images exclude each other")
-    if left is None and (truth or calib):
+    options = CameraOptions(tuple(calib or ()), calib_unit, calib_pair, focal, baseline, cx, cy, doffs)
+    if left is None and (truth or options != CameraOptions()):
         raise AnyNetError("--truth and --calib belong to a pair of images")
+
+    from anynet.camera import PairPreparation
+    from anynet.camera.plausibility import reach_of
+
+    with collected_warnings() as told:
+        if left is not None and right is not None:
+            sample = _own(left, right, truth, truth_scale)
+            cameras = options.read(left, (sample.left.shape[1], sample.left.shape[0]))
+        else:
+            sample, cameras = _rendered(seed) if rendered else _motorcycle()
+        prepare = PairPreparation(
+            cameras,
+            raw=raw,
+            alpha=alpha,
+            check=check,
+            fix_rows=fix_rows,
+            min_disparity=min_disparity,
+            reach=reach_of(input_scale),
+        )
+        pair = prepare(sample.left, sample.right)
 
     from anynet import Predictor
 
-    if left is not None and right is not None:
-        sample, calibration = _own(left, right, truth, calib)
-    else:
-        sample, calibration = _rendered(seed) if rendered else _motorcycle()
-    predictor = Predictor(weights=weights, threads=threads)
-    estimates, times = _run(predictor, sample)
+    predictor = Predictor(weights, threads=threads, input_scale=input_scale)
+    estimates, times = _run(predictor, prepare, sample)
+    told += [*pair.warnings, *_truth_findings(sample, estimates[-1], truth)]
+    for warning in told:
+        print(f"anynet: warning: {warning}", file=sys.stderr)
     _print_table(sample, estimates, times)
-    for file in _write(out, sample, calibration, estimates, times):
+    for file in _write(out, pair, sample, estimates, times, save_rectified):
         print(file)
 
 
@@ -62,8 +122,8 @@ def _motorcycle() -> tuple[StereoSample, Calibration]:
     """Middlebury 2014's Motorcycle at quarter size; the calibration is that of scikit-image's documentation."""
     from skimage.data import stereo_motorcycle
 
-    from anynet.data import StereoSample
-    from anynet.io import Calibration
+    from anynet.camera import Calibration
+    from anynet.samples import StereoSample
 
     left, right, truth = stereo_motorcycle()  # type: ignore[no-untyped-call]
     sample = StereoSample(left, right, truth, valid=np.isfinite(truth), name="Motorcycle")
@@ -76,28 +136,35 @@ def _rendered(seed: int) -> tuple[StereoSample, None]:
     return render(seed), None
 
 
-def _own(left: Path, right: Path, truth: Path | None, calib: Path | None) -> tuple[StereoSample, Calibration | None]:
-    from anynet.data import StereoSample
-    from anynet.io import read_calibration, read_disparity, read_pair
+def _own(left: Path, right: Path, truth: Path | None, scale: float | None) -> StereoSample:
+    from anynet.io import read_disparity, read_pair
+    from anynet.samples import StereoSample
 
     images = read_pair(left, right)
     shape = images[0].shape[:2]
-    disparity = np.full(shape, np.nan, np.float32) if truth is None else read_disparity(truth)
+    disparity = np.full(shape, np.nan, np.float32) if truth is None else read_disparity(truth, scale)
     if disparity.shape != shape:
         raise AnyNetError(f"{truth}: expected a disparity map of {shape[1]} x {shape[0]}, got {disparity.shape[::-1]}")
-    sample = StereoSample(*images, disparity, valid=np.isfinite(disparity), name=left.stem)
-    return sample, None if calib is None else read_calibration(calib)
+    return StereoSample(*images, disparity, valid=np.isfinite(disparity), name=left.stem)
 
 
-def _run(predictor: Predictor, sample: StereoSample) -> tuple[list[Estimate], list[float]]:
+def _run(predictor: Predictor, prepare: PairPreparation, sample: StereoSample) -> tuple[list[Estimate], list[float]]:
     """The estimates, and each stage's time from the start in ms."""
-    runs = [list(predictor.stages(sample.left, sample.right)) for _ in range(1 + _RUNS)][1:]
+    pair = prepare(sample.left, sample.right)
+    fitting = pair.predictor(predictor)
+    runs = [list(fitting.stages(pair.left, pair.right)) for _ in range(1 + _RUNS)][1:]
     times = np.median([[estimate.elapsed_ms for estimate in run] for run in runs], axis=0)
-    return runs[-1], times.tolist()
+    return [replace(estimate, disparity=pair.known(estimate.disparity)) for estimate in runs[-1]], times.tolist()
+
+
+def _truth_findings(sample: StereoSample, estimate: Estimate, truth: Path | None) -> list[str]:
+    from anynet.evaluation.truth import check_truth
+
+    return [f"{truth}: {finding}" for finding in check_truth(sample, estimate.disparity)]
 
 
 def _print_table(sample: StereoSample, estimates: list[Estimate], times: list[float]) -> None:
-    from anynet.evaluation.evaluate import region_mask
+    from anynet.evaluation.evaluate import fill_holes, region_mask
     from anynet.evaluation.metrics import scores
 
     height, width = sample.disparity.shape
@@ -108,14 +175,19 @@ def _print_table(sample: StereoSample, estimates: list[Estimate], times: list[fl
     for estimate, time in zip(estimates, times, strict=True):
         row = [str(estimate.stage), f"{time:.1f}"]
         if mask.any():
-            score = scores(estimate.disparity, sample.disparity, mask)
+            score = scores(fill_holes(estimate.disparity), sample.disparity, mask)
             row += [f"{score.epe:.2f}", f"{score.bad2:.1f}", f"{score.d1:.1f}"]
         table.add_row(*row)
     Console().print(table)
 
 
 def _write(
-    out: Path, sample: StereoSample, calibration: Calibration | None, estimates: list[Estimate], times: list[float]
+    out: Path,
+    pair: PreparedPair,
+    sample: StereoSample,
+    estimates: list[Estimate],
+    times: list[float],
+    save_rectified: bool,
 ) -> list[Path]:
     """Writes the picture and, with a calibration, the point cloud; returns their names."""
     from anynet.io import write_image, write_ply
@@ -125,8 +197,13 @@ def _write(
     truth = np.where(sample.valid, sample.disparity, np.float32(np.nan)) if sample.valid.any() else None
     stages = [(f"stage {e.stage} ({t:.1f} ms)", e.disparity) for e, t in zip(estimates, times, strict=True)]
     files = [out / "stages.png"]
-    write_image(files[0], stages_image(sample.left, stages, truth))
-    if calibration is not None:
+    write_image(files[0], stages_image(pair.left, stages, truth))
+    if pair.calibration is not None:
         files.append(out / "cloud.ply")
-        write_ply(files[1], calibration.points(calibration.depth(estimates[-1].disparity)), sample.left)
+        depth = pair.calibration.depth(estimates[-1].disparity)
+        write_ply(files[-1], pair.calibration.points(depth), pair.left)
+    if save_rectified:
+        for name, image in (("rectified_left", pair.left), ("rectified_right", pair.right)):
+            files.append(out / f"{name}.png")
+            write_image(files[-1], image)
     return files

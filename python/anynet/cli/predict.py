@@ -4,46 +4,52 @@ from __future__ import annotations
 
 import json
 import sys
-import warnings
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
-from enum import Enum
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+from anynet.cli.calibration import (
+    Alpha,
+    Baseline,
+    Calib,
+    CalibPair,
+    CalibUnit,
+    CameraOptions,
+    Check,
+    Cx,
+    Cy,
+    Doffs,
+    FixRows,
+    Focal,
+    MinDisparity,
+    Raw,
+)  # fmt: skip
 from anynet.cli.pairs import Pair, find_pairs
+from anynet.cli.results import DepthFormat, Format, Writer
+from anynet.cli.told import collected_warnings
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
 
 if TYPE_CHECKING:
     from anynet import Estimate, Predictor
-    from anynet.io import Calibration
-
-
-class Format(str, Enum):
-    """Formats of disparity files."""
-
-    png = "png"
-    pfm = "pfm"
-    npy = "npy"
+    from anynet.camera import PairPreparation, PreparedPair
 
 
 @dataclass(frozen=True)
 class Request:
     """What to do with every pair."""
 
-    out: Path
-    format: Format
+    prepare: PairPreparation
+    writer: Writer
     budget_ms: float | None
     stage: int | None
     all_stages: bool
-    check: bool
-    calibration: Calibration | None
-    max_depth: float
+    save_rectified: bool
+    told: list[str]
+    """Warnings about the calibration, which are those of every pair."""
 
 
 def predict(
@@ -73,56 +79,75 @@ def predict(
     ] = None,
     stage: Annotated[int | None, typer.Option(min=1, help="Stop after this stage.")] = None,
     format: Annotated[Format, typer.Option(help="Disparity files: 16-bit PNG as KITTI's, PFM, or NumPy.")] = Format.png,
+    depth_format: Annotated[
+        list[DepthFormat] | None,
+        typer.Option(
+            help="Depth files: TIFF or NumPy in meters, or 16-bit PNG in millimeters; repeatable.", show_default="tiff"
+        ),
+    ] = None,
     all_stages: Annotated[bool, typer.Option("--all-stages", help="Write the earlier stages too.")] = False,
-    calib: Annotated[
-        Path | None,
+    calib: Calib = None,
+    calib_unit: CalibUnit = None,
+    calib_pair: CalibPair = None,
+    focal: Focal = None,
+    baseline: Baseline = None,
+    cx: Cx = None,
+    cy: Cy = None,
+    doffs: Doffs = None,
+    raw: Raw = None,
+    alpha: Alpha = None,
+    save_rectified: Annotated[
+        bool,
         typer.Option(
-            help="Calibration of KITTI, Middlebury (calib.txt) or OpenCV (YAML, in metres): for depth and a cloud."
+            "--save-rectified", help="Write the rectified images too, as NAME_rectified_left and NAME_rectified_right."
         ),
-    ] = None,
-    focal: Annotated[
-        float | None,
-        typer.Option(
-            help="Focal length, pixels. This and the next four give the calibration, or replace values of --calib."
-        ),
-    ] = None,
-    baseline: Annotated[float | None, typer.Option(help="Distance between the cameras, metres.")] = None,
-    cx: Annotated[float | None, typer.Option(help="Principal point, pixels.", show_default="the centre")] = None,
-    cy: Annotated[float | None, typer.Option(help="Principal point, pixels.", show_default="the centre")] = None,
-    doffs: Annotated[
-        float | None, typer.Option(help="cx of the right camera minus cx of the left.", show_default="0")
-    ] = None,
+    ] = False,
+    fix_rows: FixRows = False,
+    min_disparity: MinDisparity = None,
     max_depth: Annotated[
-        float, typer.Option(help="Leave farther points (metres) out of the cloud.", show_default="none")
+        float, typer.Option(help="Leave farther points (meters) out of the cloud.", show_default="none")
     ] = float("inf"),
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
-    check: Annotated[
-        bool, typer.Option("--check/--no-check", help="Warn if a pair looks unrectified or swapped.")
-    ] = True,
+    check: Check = True,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per pair and line, for machines.")
     ] = False,
 ) -> None:
     """Disparity, depth and point clouds from pairs of images.
 
-    Writes NAME_disparity (pixels) and NAME_colour.png into the folder OUT and, with a calibration, NAME_depth.tiff
-    (32-bit float, metres, NaN where unknown) and NAME_cloud.ply. NAME is that of the left image.
+    Writes NAME_disparity (pixels) and NAME_color.png into the folder OUT and, with a calibration, NAME_depth (meters,
+    or millimeters in a PNG) and NAME_cloud.ply. NAME is that of the left image. Raw images are rectified if the
+    calibration is of raw cameras; the results are then in the rectified left view. NaN, in a PNG 0, is unknown.
     """
     if all_stages and budget_ms is not None:
         raise AnyNetError("--all-stages and --budget-ms exclude each other")
+    if not max_depth > 0:
+        raise AnyNetError(f"expected --max-depth > 0, got {max_depth:g}")
     pairs, alone = find_pairs(left, right)
-    numbers = {"focal": focal, "baseline": baseline, "cx": cx, "cy": cy, "doffs": doffs}
-    calibration = _calibration(calib, {name: value for name, value in numbers.items() if value is not None})
-    request = Request(out, format, budget_ms, stage, all_stages, check, calibration, max_depth)
+    options = CameraOptions(tuple(calib or ()), calib_unit, calib_pair, focal, baseline, cx, cy, doffs)
+
+    from anynet.camera import PairPreparation
+    from anynet.camera.plausibility import reach_of
+
+    with collected_warnings() as told:
+        cameras = options.read(pairs[0].left, _size(pairs[0].left))
+    prepare = PairPreparation(
+        cameras, raw=raw, alpha=alpha, check=check, fix_rows=fix_rows, min_disparity=min_disparity,
+        reach=reach_of(input_scale),
+    )  # fmt: skip
+    writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth)
+    request = Request(prepare, writer, budget_ms, stage, all_stages, save_rectified, told)
     for path in alone:
         print(f"anynet: {path}: no image of this name in the other folder", file=sys.stderr)
     make_folder(out)
 
     from anynet import Predictor  # takes seconds, so after the cheap checks
 
-    predictor = Predictor(weights, threads, input_scale)
+    predictor = Predictor(weights, threads=threads, input_scale=input_scale)
     if stage is not None and stage > predictor.config.stages:
         raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
+    for warning in told:
+        print(f"anynet: warning: {warning}", file=sys.stderr)
     failed = 0
     for pair in _progress(pairs):
         try:
@@ -134,7 +159,8 @@ def predict(
             report = {"name": pair.name, "error": str(error)}
             print(f"anynet: {pair.name}: {error}", file=sys.stderr)
         for warning in report.get("warnings", []):
-            print(f"anynet: {pair.name}: warning: {warning}", file=sys.stderr)
+            if warning not in told:
+                print(f"anynet: {pair.name}: warning: {warning}", file=sys.stderr)
         if as_json:
             print(json.dumps(report), flush=True)
         elif "error" not in report:
@@ -145,81 +171,72 @@ def predict(
 
 def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, Any]:
     """Computes and writes everything for one pair; returns what `--json` prints."""
-    from anynet.io import read_pair, write_depth, write_disparity, write_image, write_ply
-    from anynet.rectification import check_rectified
-    from anynet.visualize import disparity_image, limits_of
+    from anynet.io import read_pair
+    from anynet.visualize import limits_of
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        left, right = read_pair(pair.left, pair.right)
-    findings = [str(warning.message) for warning in caught]
-    height, width = left.shape[:2]
-    calibration = request.calibration
-    if calibration is not None and calibration.size and calibration.size != (width, height):
-        expected = " x ".join(map(str, calibration.size))
-        raise AnyNetError(f"expected images of {expected} as the calibration says, got {width} x {height}")
-    if request.check:
-        findings += check_rectified(left, right)
-
-    estimates = _estimates(predictor, left, right, request)
-    last = estimates[-1]
-    limits = limits_of(last.disparity)
-    files: dict[str, str] = {}
-
-    def path(kind: str, ending: str) -> Path:
-        files[kind] = str(request.out / f"{pair.name}_{kind}.{ending}")
-        return Path(files[kind])
-
-    for estimate in estimates if request.all_stages else [last]:
-        prefix = "" if estimate is last else f"stage{estimate.stage}_"
-        write_disparity(path(f"{prefix}disparity", request.format.value), estimate.disparity)
-        write_image(path(f"{prefix}colour", "png"), disparity_image(estimate.disparity, limits))
-    if calibration is not None:
-        depth = calibration.depth(last.disparity)
-        write_depth(path("depth", "tiff"), depth)
-        near = depth <= request.max_depth
-        write_ply(path("cloud", "ply"), calibration.points(depth)[near], left[near])
+    with collected_warnings() as told:
+        images = read_pair(pair.left, pair.right)
+        prepared = request.prepare(*images)
+        estimates = _estimates(predictor, prepared, request)
+        last = estimates[-1]
+        disparity = prepared.known(last.disparity)
+        results = request.writer.of(pair.name)
+        for estimate in estimates[:-1] if request.all_stages else []:
+            results.write_disparity(f"stage{estimate.stage}_", prepared.known(estimate.disparity), limits_of(disparity))
+        results.write_disparity("", disparity, limits_of(disparity))
+        if prepared.calibration is not None:
+            results.write_depth(disparity, prepared.calibration, prepared.left)
+        if request.save_rectified:
+            results.write_images(prepared.left, prepared.right)
+    calibration = prepared.calibration
+    notes = [] if calibration is None or not calibration.origin else [f"calibration: {calibration.origin}"]
     return {
         "name": pair.name,
         "left": str(pair.left),
         "right": str(pair.right),
-        "width": width,
-        "height": height,
+        "width": prepared.left.shape[1],
+        "height": prepared.left.shape[0],
         "stage": last.stage,
         "elapsed_ms": [round(estimate.elapsed_ms, 3) for estimate in estimates],
-        "calibration": None if calibration is None else asdict(calibration),
-        "files": files,
-        "warnings": findings,
+        "calibration": None if calibration is None else calibration.values(),
+        "files": results.files,
+        "warnings": list(dict.fromkeys([*request.told, *prepared.warnings, *told])),
+        "notes": [*notes, *prepared.notes],
     }
 
 
-def _estimates(predictor: Predictor, left: Any, right: Any, request: Request) -> list[Estimate]:
+def _estimates(predictor: Predictor, pair: PreparedPair, request: Request) -> list[Estimate]:
+    fitting = pair.predictor(predictor)
     if request.budget_ms is not None:
-        return [predictor.predict(left, right, budget_ms=request.budget_ms, stage=request.stage)]
+        return [fitting.predict(pair.left, pair.right, budget_ms=request.budget_ms, stage=request.stage)]
     estimates = []
-    for estimate in predictor.stages(left, right):
+    for estimate in fitting.stages(pair.left, pair.right):
         estimates.append(estimate)
         if estimate.stage == request.stage:
             break
     return estimates
 
 
-def _calibration(file: Path | None, numbers: dict[str, Any]) -> Calibration | None:
-    """From a file, from numbers, or from both."""
-    from anynet.io import Calibration, read_calibration
+def _size(image: Path) -> tuple[int, int] | None:
+    """Width and height of an image as it is used; None if it cannot be read, which is told where it is read."""
+    from anynet.io import read_image
 
-    if file is not None:
-        return replace(read_calibration(file), **numbers)
-    if not numbers:
+    try:
+        with collected_warnings():  # told where it is read for good
+            height, width = read_image(image).shape[:2]
+    except AnyNetError:
         return None
-    missing = [f"--{name}" for name in ("focal", "baseline") if name not in numbers]
-    if missing:
-        raise AnyNetError(f"the calibration lacks {' and '.join(missing)}")
-    return Calibration(**numbers)
+    return width, height
 
 
 def _progress(pairs: list[Pair]) -> Iterator[Pair]:
     """The pairs one by one, with a bar on the terminal if there are several."""
+    if len(pairs) == 1:
+        yield from pairs
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
     columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     console = Console(stderr=True)
     with Progress(
@@ -227,7 +244,7 @@ def _progress(pairs: list[Pair]) -> Iterator[Pair]:
         console=console,
         redirect_stdout=sys.stdout.isatty(),  # results in a file or pipe stay there
         transient=True,
-        disable=len(pairs) == 1 or not console.is_terminal,
+        disable=not console.is_terminal,
     ) as progress:
         yield from progress.track(pairs)
 
@@ -236,5 +253,5 @@ def _print(report: dict[str, Any], files: bool) -> None:
     times = ", ".join(f"{milliseconds:.1f}" for milliseconds in report["elapsed_ms"])
     print(f"{report['name']}: {report['width']} x {report['height']}, stage {report['stage']} after {times} ms")
     if files:
-        for file in report["files"].values():
-            print(f"  {file}")
+        for line in (*report["notes"], *report["files"].values()):
+            print(f"  {line}")

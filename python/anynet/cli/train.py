@@ -11,9 +11,10 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from anynet.config import AnyNetConfig
 from anynet.errors import AnyNetError
-from anynet.training.recipe import PRESETS, Recipe, network_of, preset
+from anynet.model import presets
+from anynet.model.config import AnyNetConfig
+from anynet.training.recipe import PRESETS, Recipe, preset
 
 # What the command line cannot parse is given piece by piece.
 _KINDS: dict[Any, Any] = {tuple[str, ...]: list[str], tuple[float, ...]: list[float], AnyNetConfig: list[str]}
@@ -60,15 +61,21 @@ def _parameter(name: str, kind: Any, option: Any, default: Any) -> inspect.Param
 
 
 def _network(options: list[str]) -> AnyNetConfig:
-    """From NAME=VALUE, the value in JSON."""
-    values = {}
+    """From names of presets (the paper's, if none) and NAME=VALUE, the value in JSON."""
+    config, values = presets.paper(), {}
     for option in options:
-        name, _, value = option.partition("=")
+        name, equals, value = option.partition("=")
+        if not equals and name in presets.NETWORKS:
+            config = presets.NETWORKS[name]()
+            continue
         try:
             values[name] = json.loads(value)
         except (ValueError, RecursionError):  # also of numbers too long for Python
-            raise AnyNetError(f"--network: expected NAME=VALUE like channels=2, got {option!r}") from None
-    return network_of(values)
+            raise AnyNetError(
+                f"--network: expected one of {', '.join(presets.NETWORKS)}, or NAME=VALUE like features.channels=2, "
+                f"got {option!r}"
+            ) from None
+    return config.with_options(values)
 
 
 train = _command("train", "default", "Train a network from scratch.")

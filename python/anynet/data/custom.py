@@ -43,11 +43,11 @@ def folders(root: str | Path, scale: str | float | None = None) -> PairFiles:
     return PairFiles(path.name, files)
 
 
-def table(path: str | Path, scale: str | float | None = None) -> PairFiles:
+def table(path: str | Path, scale: str | float | None = None, unit: str | None = None) -> PairFiles:
     """A CSV file with a header: left, right, and disparity, or depth (meters) with calibration.
 
     Paths are relative to the CSV file. In PNG files there are `scale` levels per pixel (of depth: per meter), 256 by
-    default; a sample may also have no truth at all.
+    default; a sample may also have no truth at all. `unit` is that of the calibrations' lengths: m, cm, mm, ...
     """
     source = Path(path)
     if not source.is_file():
@@ -81,6 +81,7 @@ def table(path: str | Path, scale: str | float | None = None) -> PairFiles:
                     scale=factor,
                     calibration=place.get("calibration"),
                     depth="depth" in place,
+                    unit=unit,
                 )
             )
     return PairFiles(source.stem, files)

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from anynet.camera import Calibration, read_calibration
 from anynet.errors import AnyNetError
-from anynet.io import read_calibration, read_disparity, read_pair
+from anynet.io import read_depth, read_disparity, read_pair
 from anynet.io.files import read_text
 from anynet.io.images import open_image
 from anynet.samples import Dataset, StereoSample
@@ -27,6 +28,7 @@ class Files:
     noc: a mask (255 = seen by both), or a disparity map known only there.
     other: the right view's disparity, from which `noc` is found by comparison where there is no file for it.
     depth: whether `disparity` holds meters along the optical axis instead, to be converted with `calibration`.
+    unit: of the calibration's lengths, if not its format's.
     foreground: an object map, 0 = background.
     """
 
@@ -40,6 +42,7 @@ class Files:
     foreground: Path | None = None
     calibration: Path | None = None
     depth: bool = False
+    unit: str | None = None
 
 
 class PairFiles(Dataset):
@@ -59,16 +62,15 @@ class PairFiles(Dataset):
         if files.disparity is None:
             disparity = np.full(shape, np.nan, np.float32)
         else:
-            disparity = _map(files.disparity, files.scale, shape)
+            disparity = _map(files.disparity, files.scale, shape, files.depth)
         if files.depth:
             assert files.calibration is not None
-            calibration = read_calibration(files.calibration)
-            if calibration.size and calibration.size != shape[::-1]:
-                expected = " x ".join(map(str, calibration.size))
-                raise AnyNetError(
-                    f"{files.left}: expected an image of {expected} as {files.calibration} says, "
-                    f"got {shape[1]} x {shape[0]}"
-                )
+            calibration = read_calibration(
+                files.calibration, unit=files.unit, size=(shape[1], shape[0]), image=files.left
+            )
+            if not isinstance(calibration, Calibration):
+                raise AnyNetError(f"{files.calibration}: expected a calibration of rectified images, got raw cameras")
+            calibration.check_size(shape[1], shape[0])
             with np.errstate(divide="ignore"):  # a depth of 0 is unknown
                 disparity = np.float32(calibration.focal * calibration.baseline) / disparity
             disparity = np.where(disparity > 0, disparity - np.float32(calibration.doffs), np.float32(np.nan))
@@ -91,11 +93,11 @@ def _levels(path: Path, shape: tuple[int, ...]) -> NDArray[np.integer]:
     return levels
 
 
-def _map(path: Path, scale: float | None, shape: tuple[int, ...]) -> Disparity:
+def _map(path: Path, scale: float | None, shape: tuple[int, ...], depth: bool = False) -> Disparity:
     if path.suffix == ".pgm":
         levels = _levels(path, shape).astype(np.float32)
         return np.where(levels > 0, levels / np.float32(scale or 1), np.float32(np.nan))
-    disparity = read_disparity(path, scale)
+    disparity = read_depth(path, scale) if depth else read_disparity(path, scale)
     if disparity.shape != shape:
         raise AnyNetError(
             f"{path}: expected {shape[1]} x {shape[0]} pixels like the images, got {disparity.shape[::-1]}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from anynet.errors import AnyNetError
 from anynet.evaluation.metrics import Disparity, Mask, Scores, mean, pooled, scores
+from anynet.evaluation.truth import check_truth
 from anynet.predictor import Estimate
 from anynet.samples import MAX_DISPARITY, StereoSample
 
@@ -92,6 +94,8 @@ def compare(
 
     The methods take turns, image by image, so that their times can be compared on a machine whose speed drifts.
 
+    Warns if a sample's truth looks wrong, such as in another scale.
+
     Raises:
         AnyNetError: if there are no samples, or a sample does not tell a region.
     """
@@ -101,17 +105,24 @@ def compare(
     by_stage: dict[tuple[str, str], dict[int, list[tuple[Scores, float, int]]]] = {
         (name, region): {} for name in methods for region in regions
     }
+    doubts: list[tuple[str, str]] = []
     for sample in samples:
         masks = {region: region_mask(sample, region) for region in regions}
         names.append(sample.name)
         for name, method in methods.items():
             # All first: scoring in between would be part of the later stages' times.
-            for estimate in list(method(sample.left, sample.right)):
-                whole = filled(estimate.disparity)
+            estimates = list(method(sample.left, sample.right))
+            if name == next(iter(methods)):
+                doubts += [(sample.name, doubt) for doubt in check_truth(sample, estimates[-1].disparity)]
+            for estimate in estimates:
+                whole = fill_holes(estimate.disparity)
                 for region, mask in masks.items():
                     given = int(np.isfinite(estimate.disparity[mask]).sum())
                     result = scores(whole, sample.disparity, mask), estimate.elapsed_ms, given
                     by_stage[name, region].setdefault(estimate.stage, []).append(result)
+    if doubts:
+        others = f" (and {len(doubts) - 1} more)" if len(doubts) > 1 else ""
+        warnings.warn(f"{doubts[0][0]}{others}: {doubts[0][1]}", stacklevel=2)
     return {
         key: Evaluation(tuple(names), tuple(_stage(number, results) for number, results in sorted(stages.items())))
         for key, stages in by_stage.items()
@@ -124,17 +135,17 @@ def _stage(number: int, results: list[tuple[Scores, float, int]]) -> Stage:
     return Stage(number, images, float(np.median(times)), 100 * sum(given) / pixels if pixels else float("nan"))
 
 
-def filled(disparity: Disparity) -> Disparity:
+def fill_holes(disparity: Disparity) -> Disparity:
     """Fills every hole (NaN) with the smaller, so the farther, of its neighbors in the row; then from other rows."""
     if np.isfinite(disparity).all():
         return disparity
-    rows = np.fmin(_last_known(disparity), _last_known(disparity[:, ::-1])[:, ::-1])
-    columns = np.fmin(_last_known(rows.T), _last_known(rows.T[:, ::-1])[:, ::-1])
+    rows = np.fmin(_forward_fill(disparity), _forward_fill(disparity[:, ::-1])[:, ::-1])
+    columns = np.fmin(_forward_fill(rows.T), _forward_fill(rows.T[:, ::-1])[:, ::-1])
     result: Disparity = columns.T
     return result
 
 
-def _last_known(rows: Disparity) -> Disparity:
+def _forward_fill(rows: Disparity) -> Disparity:
     """Each pixel's own value or that of the nearest known one to its left; NaN if there is none."""
     columns = np.where(np.isfinite(rows), np.arange(rows.shape[1]), 0)
     result: Disparity = np.take_along_axis(rows, np.maximum.accumulate(columns, axis=1), axis=1)

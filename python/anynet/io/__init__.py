@@ -1,14 +1,13 @@
-"""Files: images, disparity maps, depth maps, calibrations and point clouds."""
+"""Files: images, disparity maps, depth maps and point clouds."""
 
-from anynet.io.calibration import Calibration, read_calibration
-from anynet.io.disparity import read_disparity, write_depth, write_disparity
+from anynet.io.depth import read_depth, write_depth
+from anynet.io.disparity import read_disparity, write_disparity
 from anynet.io.files import write_atomically
 from anynet.io.images import read_image, read_pair, write_image
 from anynet.io.pointcloud import write_ply
 
 __all__ = [
-    "Calibration",
-    "read_calibration",
+    "read_depth",
     "read_disparity",
     "read_image",
     "read_pair",

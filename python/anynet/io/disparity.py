@@ -95,19 +95,6 @@ def write_disparity(path: str | Path, disparity: npt.NDArray[np.float32]) -> Non
     write_atomically(path, data)
 
 
-def write_depth(path: str | Path, depth: npt.NDArray[np.float32]) -> None:
-    """Writes a depth map [H, W], metres, NaN where unknown, as a 32-bit floating-point TIFF, atomically.
-
-    TIFF because it is the one image format that holds such values and that most programs open.
-
-    Raises:
-        AnyNetError: if the file cannot be written.
-    """
-    buffer = io.BytesIO()
-    Image.fromarray(depth.astype(np.float32)).save(buffer, format="TIFF")
-    write_atomically(path, buffer.getvalue())
-
-
 def _read_png(path: str | Path, scale: float | None) -> npt.NDArray[np.float32]:
     image = open_image(path)
     if image.mode == "L" and scale is None:

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import ExifTags, Image, ImageFile, UnidentifiedImageError
 
-from anynet.errors import AnyNetError
-from anynet.io.files import check_size, max_pixels, one_line, read_bytes, telling_damage, write_atomically
+from anynet.errors import AnyNetError, one_line
+from anynet.io.files import check_size, max_pixels, read_bytes, telling_damage, write_atomically
 
 # Those that cameras and data sets use, without those that Pillow hands to other programs (EPS).
 FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP", "WEBP", "GIF", "JPEG2000", "TGA", "AVIF")

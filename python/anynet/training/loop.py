@@ -18,13 +18,15 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from anynet.checkpoint import load_checkpoint, save_checkpoint
+from anynet.baselines.model import BaselineConfig, BaselineModel, load_baseline, stored_config
+from anynet.checkpoint import find_weights, load_checkpoint, load_partial, save_checkpoint
 from anynet.data import StereoSample, open_datasets
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
+from anynet.evaluation.methods import open_method
 from anynet.io.files import make_folder, read_bytes, remove_unfinished, telling_damage, write_atomically
-from anynet.network import MEAN, STD, AnyNet
-from anynet.predictor import Predictor
+from anynet.model.anynet import AnyNet
+from anynet.model.config import MEAN, STD
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes, process_group, synchronize_batch_norm
 from anynet.training.log import RunLog
@@ -69,10 +71,10 @@ def train(
         validation = {name: open_datasets([name]) for name in recipe.validation}
     if not len(data):
         raise AnyNetError("no pairs to train on")
-    with process_group(recipe.device) as group, _locked(out) if group.first else nullcontext():
-        if group.first:
+    with process_group(recipe.device) as group, _locked(out) if group.is_main else nullcontext():
+        if group.is_main:
             _begin(recipe, out, resume)
-        group.wait()
+        group.barrier()
         return _Run(recipe, out, data, validation, group).go()
 
 
@@ -107,6 +109,19 @@ def _normalized(image: Tensor) -> Tensor:
     return (image - mean) / deviation
 
 
+def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
+    """The network as the run begins with it."""
+    if recipe.model is not None:
+        return BaselineModel(BaselineConfig(model=recipe.model, input_scale=recipe.input_scale or 1))
+    if recipe.weights is None:
+        return AnyNet(recipe.network)
+    if recipe.load_partial:
+        return load_partial(recipe.weights, recipe.network)
+    if stored_config(find_weights(recipe.weights)) is not None:
+        return load_baseline(recipe.weights)
+    return load_checkpoint(recipe.weights, recipe.input_scale)
+
+
 class _Run:
     """A run at some step: model, optimizer and the running average of the weights are all its state."""
 
@@ -121,21 +136,19 @@ class _Run:
         self.recipe, self.out, self.data, self.validation, self.group = recipe, out, data, validation, group
         self.steps = recipe.length(len(data))
         torch.manual_seed(recipe.seed)
-        if recipe.weights is not None:
-            into = recipe.network if recipe.load_partial else None
-            self.model = load_checkpoint(recipe.weights, recipe.input_scale, into=into)
-        else:
-            self.model = AnyNet(recipe.network)
+        self.model = _begun(recipe)
         self.model.to(group.device).train()
-        weights = recipe.stage_weights_of(self.model.config.stages)
+        usual = self.model.loss_weights if isinstance(self.model, BaselineModel) else ()
+        count = self.model.config.stages if isinstance(self.model, AnyNet) else len(usual)
+        weights = recipe.stage_weights_of(count, usual)
         self.stages = max(stage for stage, weight in enumerate(weights, 1) if weight > 0)
         self.stage_weights = torch.tensor(weights[: self.stages], device=group.device)
         averaging = get_ema_multi_avg_fn(recipe.ema_decay)  # type: ignore[no-untyped-call]
         self.average = AveragedModel(self.model, multi_avg_fn=averaging, use_buffers=True)
         self.parallel: nn.Module = self.model
-        if group.count > 1:
+        if group.world_size > 1:
             synchronize_batch_norm(self.model, group.device)
-            unused = self.stages < self.model.config.stages
+            unused = self.stages < count
             self.parallel = DistributedDataParallel(self.model, broadcast_buffers=False, find_unused_parameters=unused)
         self.optimizer = torch.optim.Adam(self.model.parameters(), recipe.learning_rate, fused=True)
         self.step = 0
@@ -146,8 +159,8 @@ class _Run:
         recipe = self.recipe
         loader = iter(batches(self.data, recipe, range(self.step, self.steps), self.group))
         validate_every = recipe.validate_every or self.steps
-        path = self.out / LOG if self.group.first else None
-        events = self.out / "tensorboard" if self.group.first and recipe.tensorboard else None
+        path = self.out / LOG if self.group.is_main else None
+        events = self.out / "tensorboard" if self.group.is_main and recipe.tensorboard else None
         with RunLog(path, self.step, self.steps, recipe.log_every, events) as log:
             while self.step < self.steps:
                 began = time.perf_counter()
@@ -156,14 +169,14 @@ class _Run:
                 losses, grad_norm = self._update(batch)
                 learning_rate = self.optimizer.param_groups[0]["lr"]
                 log.step(self.step, losses, grad_norm, learning_rate, time.perf_counter() - began, waited)
-                if not self.group.first:
+                if not self.group.is_main:
                     continue
                 last = self.step == self.steps
                 if last or self.step % recipe.checkpoint_every == 0:
                     self._save()
                 if self.validation and (last or self.step % validate_every == 0):
                     log.validation(self.step, self._validate())
-            if self.group.first:
+            if self.group.is_main:
                 self._export()
         return self.out / WEIGHTS
 
@@ -172,13 +185,13 @@ class _Run:
         recipe, group = self.recipe, self.group
         left, right, disparity, weights = (tensor.to(group.device, non_blocking=True) for tensor in batch)
         weights = loss_weights(disparity, weights)
-        total = group.total(weights.sum()).clamp(min=1)
+        total = group.all_reduce_sum(weights.sum()).clamp(min=1)
         with torch.autocast(group.device.type, torch.bfloat16, enabled=recipe.amp):
             outputs = self.parallel(_normalized(left), _normalized(right), self.stages)
         losses = stage_losses(outputs, disparity, weights, total, recipe.robust_scale)
         # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
-        (group.count * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
-        values: list[float] = group.total(losses.detach()).tolist()
+        (group.world_size * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
+        values: list[float] = group.all_reduce_sum(losses.detach()).tolist()
         for stage, value in enumerate(values, 1):
             if not math.isfinite(value):
                 raise AnyNetError(
@@ -224,9 +237,13 @@ class _Run:
 
     def _export(self) -> None:
         recipe = json.loads(self.recipe.to_json())
-        save_checkpoint(self.out / WEIGHTS, cast(AnyNet, self.average.module), {"recipe": recipe, "steps": self.step})
+        save_checkpoint(
+            self.out / WEIGHTS,
+            cast("AnyNet | BaselineModel", self.average.module),
+            {"recipe": recipe, "steps": self.step},
+        )
 
     def _validate(self) -> dict[str, Evaluation]:
         self._export()
-        predictor = Predictor(self.out / WEIGHTS, threads=self.recipe.threads)
-        return {name: evaluate(predictor.stages, samples) for name, samples in self.validation.items()}
+        method = open_method(self.out / WEIGHTS, threads=self.recipe.threads)
+        return {name: evaluate(method, samples) for name, samples in self.validation.items()}

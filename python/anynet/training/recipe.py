@@ -10,14 +10,14 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from anynet.config import AnyNetConfig
-from anynet.errors import AnyNetError
-from anynet.io.files import one_line, read_text
+from anynet.errors import AnyNetError, one_line
+from anynet.io.files import read_text
+from anynet.model import presets
+from anynet.model.config import AnyNetConfig, as_tuples
+from anynet.scheduler import MAX_THREADS
 
 Schedule = Literal["constant", "step", "cosine"]
 
-
-MAX_THREADS = 1024  # more than machines have; far more than that and the threads' library ends the process
 
 _BOUNDS = {
     "threads": (1, MAX_THREADS),
@@ -58,11 +58,12 @@ class Recipe:
     data: tuple[str, ...] = _option((), "Training data, KIND:ROOT[?OPTION=VALUE&...]; several are joined.")
     validation: tuple[str, ...] = _option((), "Data to measure on while training, KIND:ROOT[?OPTION=VALUE&...].")
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
-    input_scale: int | None = _option(None, "2: these weights on images enlarged to twice their size. 1: not enlarged.")
+    input_scale: float | None = _option(None, "Resize the images by this factor first. Default: what the weights say.")
     load_partial: bool = _option(
-        False, "Load the weights into --network, which has all their parts and others besides, which begin anew."
+        False, "Load those weights that have their place in --network; what then lacks weights begins anew."
     )
     network: AnyNetConfig = _option(AnyNetConfig(), "Shape of the network, where the weights do not tell it.")
+    model: str | None = _option(None, "A baseline of anynet.baselines.MODELS instead of AnyNet, from random weights.")
     steps: int | None = _option(None, "Length of the run in steps of one batch.")
     epochs: int | None = _option(None, "Length of the run in passes over the data (instead of steps).")
     batch_size: int = _option(6, "Pairs per step, over all processes.")
@@ -112,8 +113,10 @@ class Recipe:
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise AnyNetError(f"{name} must be at least 1, got {value}")
-        if self.input_scale is not None and self.weights is None:
+        if self.input_scale is not None and self.weights is None and self.model is None:
             raise AnyNetError("input_scale is for weights to start from; give a new network its own, as in network")
+        if self.model is not None and self.weights is not None:
+            raise AnyNetError("weights are AnyNet's; a model of another name begins with random ones")
         if self.load_partial and self.weights is None:
             raise AnyNetError("load_partial is for weights to start from")
         if min(self.crop_size) < 64:
@@ -138,9 +141,9 @@ class Recipe:
             raise AnyNetError("give the length of the run as either steps or epochs")
         return self.steps if self.steps is not None else math.ceil(self.epochs * samples / self.batch_size)  # type: ignore[operator]
 
-    def stage_weights_of(self, stages: int) -> tuple[float, ...]:
-        """One per stage."""
-        weights = self.stage_weights or (0.25, 0.5, *[1.0] * (stages - 2))
+    def stage_weights_of(self, stages: int, usual: tuple[float, ...] = ()) -> tuple[float, ...]:
+        """One per stage: the recipe's, else `usual`, else AnyNet's."""
+        weights = self.stage_weights or usual or (0.25, 0.5, *[1.0] * (stages - 2))
         if len(weights) != stages:
             raise AnyNetError(f"stage_weights: expected {stages}, one per stage, got {len(weights)}")
         if min(weights) < 0 or not any(weights):
@@ -164,8 +167,9 @@ class Recipe:
         """The recipe in a file of `to_json`. Those of versions with other options are refused."""
         text = read_text(path)
         try:
-            values = {name: _tuples(value) for name, value in json.loads(text).items()}
-            return cls(**{**values, "network": network_of(values["network"])})
+            values = json.loads(text)
+            network = AnyNetConfig.from_dict(values.pop("network"))
+            return cls(network=network, **{name: as_tuples(value) for name, value in values.items()})
         except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
             raise AnyNetError(
                 f"{path}: expected a recipe of this version, got another file or options: {one_line(error)}"
@@ -179,25 +183,9 @@ class Recipe:
                 raise AnyNetError(f"{option.name} was {old!r} when the run began, so it cannot be {new!r} on resuming")
 
 
-# The architectures that the presets train; that of the paper is the default of `Recipe.network`.
-DEFAULT = AnyNetConfig(spn_fill=True)
-LARGE = AnyNetConfig(
-    channels=4,
-    groups=4,
-    hourglass=3,
-    finer_costs=True,
-    guided=True,
-    cost_channels=(16, 24, 16),
-    ranges=((0, 11), (-3, 3), (-2, 2)),
-    neighbours=2,
-    spn_fill=True,
-    spn_mismatch=True,
-    spn_upsampling=True,
-)
-
 ENLARGED = Recipe(
     weights="large",
-    network=LARGE,
+    network=presets.large(),
     input_scale=2,
     steps=6_500,
     batch_size=3,
@@ -214,9 +202,9 @@ PRESETS: dict[str, Recipe] = {
     "paper-sceneflow": Recipe(epochs=10, learning_rate=5e-4, schedule="constant", augment=False, max_grad_norm=0.0),
     "paper-kitti": Recipe(epochs=300, learning_rate=5e-4, schedule="step", augment=False, max_grad_norm=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/training.md.
-    "default": Recipe(network=DEFAULT, steps=8_000, learning_rate=2e-3, warmup_steps=100),
+    "default": Recipe(network=presets.default(), steps=8_000, learning_rate=2e-3, warmup_steps=100),
     "large": Recipe(
-        network=LARGE, steps=7_000, batch_size=4, learning_rate=2e-3, warmup_steps=100, occluded_weight=0.2
+        network=presets.large(), steps=7_000, batch_size=4, learning_rate=2e-3, warmup_steps=100, occluded_weight=0.2
     ),
     "enlarged": ENLARGED,
     "kitti": replace(ENLARGED, steps=700, warmup_steps=100),
@@ -232,17 +220,3 @@ def preset(name: str, **options: Any) -> Recipe:
     elif options.get("epochs") is not None:
         options.setdefault("steps", None)
     return replace(PRESETS[name], **options)
-
-
-def network_of(options: dict[str, Any]) -> AnyNetConfig:
-    """The configuration with the given options, as JSON holds them."""
-    names = [option.name for option in fields(AnyNetConfig)]
-    for name in options:
-        if name not in names:
-            raise AnyNetError(f"network: expected options among {', '.join(names)}, got {name!r}")
-    return AnyNetConfig(**{name: _tuples(value) for name, value in options.items()})
-
-
-def _tuples(value: Any) -> Any:
-    """JSON has lists only; recipes hold tuples, perhaps of tuples."""
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value

@@ -1,0 +1,30 @@
+"""Cameras: calibrations from any tool's files, rectification, and what goes wrong with both."""
+
+from anynet.camera.calibration import Calibration
+from anynet.camera.check import check_rectified
+from anynet.camera.matches import Matches, match_corners
+from anynet.camera.plausibility import check_calibration
+from anynet.camera.prepare import PairPreparation, PreparedPair
+from anynet.camera.read import read_calibration
+from anynet.camera.rig import Camera, Rectification, StereoRig
+from anynet.camera.rows import RowShift, RowWatch, fit_rows
+from anynet.camera.shift import ShiftedPredictor, min_disparity
+
+__all__ = [
+    "Calibration",
+    "Camera",
+    "Matches",
+    "PairPreparation",
+    "PreparedPair",
+    "Rectification",
+    "RowShift",
+    "RowWatch",
+    "ShiftedPredictor",
+    "StereoRig",
+    "check_calibration",
+    "check_rectified",
+    "fit_rows",
+    "match_corners",
+    "min_disparity",
+    "read_calibration",
+]

@@ -1,0 +1,90 @@
+"""Camera models and rigid motions, as the formats of robotics write them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from anynet.camera.formats.found import Matrix
+from anynet.camera.rig import FISHEYE, PINHOLE, Camera
+from anynet.camera.tree import Tree, numbers
+from anynet.errors import AnyNetError
+
+_MODELS = {
+    "": PINHOLE, "none": PINHOLE, "pinhole": PINHOLE, "radtan": PINHOLE, "radial-tangential": PINHOLE,
+    "plumb_bob": PINHOLE, "rational_polynomial": PINHOLE, "brown_conrady": PINHOLE, "opencv": PINHOLE,
+    "equidistant": FISHEYE, "fisheye": FISHEYE, "kannala_brandt": FISHEYE, "kannalabrandt8": FISHEYE,
+}  # fmt: skip
+
+
+def model_of(name: str) -> str:
+    """The model of a distortion or camera model's name.
+
+    Raises:
+        AnyNetError: if it is another one.
+    """
+    plain = name.strip().lower().replace("model_", "")
+    if plain not in _MODELS:
+        raise AnyNetError(
+            f"expected cameras of the models pinhole (radtan) or equidistant, got {name}: rectify the images with the "
+            "tool that calibrated them, and give --focal and --baseline"
+        )
+    return _MODELS[plain]
+
+
+def camera(focal_and_center: Matrix, distortion: Matrix, model: str) -> Camera:
+    """A camera by fx, fy, cx, cy (pixels) and OpenCV's distortion coefficients."""
+    fx, fy, cx, cy = focal_and_center
+    if model == PINHOLE and 0 < distortion.size < 4:  # k1 k2, say
+        distortion = np.concatenate([distortion, np.zeros(4 - distortion.size)])
+    return Camera(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64), distortion, model)
+
+
+def pose(node: Tree, name: str) -> Matrix:
+    """A rigid motion [4, 4], given as 3 x 4 or 4 x 4 numbers.
+
+    Raises:
+        AnyNetError: if it is none.
+    """
+    values = numbers(node, name)
+    if values.size not in (12, 16) or not np.isfinite(values).all():
+        raise AnyNetError(f"expected {name} to be a matrix of 4 x 4, got {values.size} numbers")
+    matrix = np.vstack([values[:12].reshape(3, 4), [0, 0, 0, 1]])
+    if np.abs(matrix[:3, :3] @ matrix[:3, :3].T - np.eye(3)).max() > 0.01:
+        raise AnyNetError(f"expected {name} to be a rotation and a translation")
+    return matrix
+
+
+def inverse(motion: Matrix) -> Matrix:
+    """The inverse of a rigid motion [4, 4]."""
+    result = np.eye(4)
+    result[:3, :3] = motion[:3, :3].T
+    result[:3, 3] = -motion[:3, :3].T @ motion[:3, 3]
+    return result
+
+
+def text(node: Tree | None) -> str:
+    """A leaf's text; empty if it is none."""
+    return node if isinstance(node, str) else ""
+
+
+def size_of(node: Tree, name: str) -> tuple[int, int]:
+    """Width and height.
+
+    Raises:
+        AnyNetError: if it is not that.
+    """
+    width, height = numbers(node, name, 2)
+    if not (1 <= width <= 1e6 and 1 <= height <= 1e6):
+        raise AnyNetError(f"expected {name} to be a width and height, got {width:g} {height:g}")
+    return int(width), int(height)
+
+
+def field(fields: dict[str, Tree], name: str, within: str = "") -> Tree:
+    """A field that has to be there.
+
+    Raises:
+        AnyNetError: if it is not.
+    """
+    if name not in fields:
+        raise AnyNetError(f"the calibration lacks {name}{f' of {within}' if within else ''}")
+    return fields[name]

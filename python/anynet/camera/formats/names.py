@@ -1,0 +1,130 @@
+"""Fields by the many names that people give them: K1, cameraMatrix1, Camera_Matrix_Left, left: {K: ...}, ..."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from anynet.camera.formats.found import Matrix
+from anynet.camera.tree import Tree, numbers, walk
+from anynet.camera.units import METERS
+from anynet.errors import AnyNetError
+
+Named = tuple[str, Tree]
+
+_SIDES = (
+    ("1", "2"), ("left", "right"), ("l", "r"), ("0", "1"), ("cam1", "cam2"), ("cam0", "cam1"), ("camera1", "camera2"),
+    ("camera0", "camera1"), ("leftcamera", "rightcamera"), ("cameraleft", "cameraright"), ("camleft", "camright"),
+    ("leftcam", "rightcam"), ("caml", "camr"), ("first", "second"), ("master", "slave"), ("a", "b"),
+)  # fmt: skip
+_NOT_OF_CAMERAS = ("board", "pattern", "square", "chess", "marker", "target", "corner")
+_SIZES = ("imageSize", "imgSize", "size", "imageResolution", "resolution", "res", "frameSize", "calibrationSize")
+_SHAPES = ("imageShape", "imgShape", "shape", "frameShape")  # as arrays have it: height, width
+_SIDE_LENGTHS = (
+    ("imageWidth", "imageHeight"), ("width", "height"), ("imgWidth", "imgHeight"), ("frameWidth", "frameHeight"),
+    ("w", "h"), ("cameraWidth", "cameraHeight"), ("resolutionX", "resolutionY"), ("resX", "resY"),
+)  # fmt: skip
+
+
+class Names:
+    """The fields of a tree; capitals, underscores and the like do not count, and outer maps' names may be left out."""
+
+    def __init__(self, tree: Tree) -> None:
+        self._nodes: dict[str, Named] = {}
+        for path, node in walk(tree):
+            if any(word in _plain(name) for name in path for word in _NOT_OF_CAMERAS):
+                continue
+            for start in range(len(path)):
+                self._nodes.setdefault(_plain("".join(path[start:])), (path[-1], node))
+
+    def one(self, bases: Sequence[str]) -> Named | None:
+        """The first of these fields that is there."""
+        return next((self._nodes[_plain(base)] for base in bases if _plain(base) in self._nodes), None)
+
+    def pair(self, bases: Sequence[str]) -> tuple[Named, Named] | None:
+        """The left and the right camera's field.
+
+        Raises:
+            AnyNetError: if only one of them is there.
+        """
+        half: tuple[str, str] | None = None
+        for base in bases:
+            for sides in _SIDES:
+                for names in ([_plain(base + side) for side in sides], [_plain(side + base) for side in sides]):
+                    there = [name in self._nodes for name in names]
+                    if all(there):
+                        return self._nodes[names[0]], self._nodes[names[1]]
+                    if any(there) and half is None and sides not in (("0", "1"), ("a", "b")):
+                        half = base + sides[there.index(False)], self._nodes[names[there.index(True)]][0]
+        if half is not None:
+            raise AnyNetError(f"the calibration lacks {half[0]} beside {half[1]}")
+        return None
+
+    def size(self) -> tuple[int, int] | None:
+        """Width and height of the images, if told."""
+        for names, order in ((_SIZES, 1), (_SHAPES, -1)):
+            for name in names:
+                for side in ("", "1", "L", "left", "0"):
+                    found = self.one([name + side, side + name])
+                    if found is not None and (size := _size(*found)[::order]):
+                        return size[0], size[1]
+        for width, height in _SIDE_LENGTHS:
+            for side in ("", "1", "L", "left", "0"):
+                pair = self.one([width + side, side + width]), self.one([height + side, side + height])
+                if pair[0] is not None and pair[1] is not None:
+                    return _length(*pair[0]), _length(*pair[1])
+        return None
+
+    def meters(self) -> float | None:
+        """Meters per unit, if the file says it."""
+        found = self.one(["unit", "units", "lengthUnit", "baselineUnit", "translationUnit"])
+        if found is None or not isinstance(found[1], str):
+            return None
+        names = {"meter": "m", "meters": "m", "millimeter": "mm", "millimeters": "mm", "centimeter": "cm"}
+        name = found[1].strip().lower()
+        return METERS.get(names.get(name, name))
+
+    def text(self, *names: str) -> str:
+        """A field's text in lower case; empty if it is not there."""
+        found = self.one(names)
+        return found[1].lower() if found is not None and isinstance(found[1], str) else ""
+
+
+def matrix(named: Named, rows: int, columns: int) -> Matrix:
+    """The field as a matrix.
+
+    Raises:
+        AnyNetError: if it is not one of that shape.
+    """
+    name, node = named
+    values = numbers(node, name)
+    if values.size != rows * columns:
+        raise AnyNetError(f"expected {name} to be a matrix of {rows} x {columns}, got {values.size} numbers")
+    return values.reshape(rows, columns)
+
+
+def whole(value: float, name: str) -> int:
+    """A whole number of pixels.
+
+    Raises:
+        AnyNetError: if it is none.
+    """
+    if not (np.isfinite(value) and 1 <= value <= 1e6):
+        raise AnyNetError(f"expected {name} from 1 to 1000000, got {value:g}")
+    return int(value)
+
+
+def _size(name: str, node: Tree) -> tuple[int, ...]:
+    if isinstance(node, dict) and "data" not in node:
+        return ()  # a map of width and height: found by their names
+    values = numbers(node, name)
+    return tuple(whole(value, name) for value in values[:2]) if values.size in (2, 3) else ()
+
+
+def _length(name: str, node: Tree) -> int:
+    return whole(float(numbers(node, name, 1)[0]), name)
+
+
+def _plain(name: str) -> str:
+    return "".join(letter for letter in name.lower() if letter.isalnum())

@@ -1,0 +1,159 @@
+"""OpenCV's YAML, XML and JSON, by whatever tool and with whatever names; SimpleStereo's JSON too. No unit is told.
+
+Of a rectified pair: Q, or P1 and P2, or K and T. Of raw cameras: K1, D1, K2, D2, R and T of `stereoCalibrate`.
+Source: OpenCV's documentation of `stereoCalibrate` and `stereoRectify`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from anynet.camera.document import Document
+from anynet.camera.formats.found import EXCHANGED, Found, Matrix, Request, camera_values, from_projections, from_rig
+from anynet.camera.formats.names import Named, Names, matrix
+from anynet.camera.rig import FISHEYE, PINHOLE, Camera, StereoRig
+from anynet.camera.tree import Tree, numbers, shortened
+from anynet.errors import AnyNetError
+
+_Q = ("Q", "disparityToDepth", "disparityToDepthMatrix", "dispToDepth", "disp2depth", "reprojectionMatrix", "matQ",
+      "Q_matrix", "stereoQ", "perspectiveTransform")  # fmt: skip
+_P = ("P", "projMat", "proj", "projection", "projectionMatrix", "projMatrix", "matP", "P_rect")
+_K = ("K", "M", "cameraMatrix", "camMatrix", "camMat", "intrinsicMatrix", "intrinsic", "intrinsics", "cameraIntrinsics",
+      "cameraIntrinsic", "mtx", "matK", "camK", "A", "matrix")  # fmt: skip
+_D = ("D", "distCoeffs", "distCoeff", "distCoefs", "distCoef", "dist", "distortion", "distortionCoefficients",
+      "distortionCoeffs", "distortionVector", "matD", "camD", "kc")  # fmt: skip
+_R = ("R", "rotation", "rotationMatrix", "rot", "stereoR", "matR", "R_stereo", "R12", "R_lr", "extrinsicRotation")
+_T = ("T", "translation", "translationVector", "translationMatrix", "trans", "stereoT", "matT", "T_stereo", "T12",
+      "T_lr", "tvec", "extrinsicTranslation")  # fmt: skip
+
+
+def recognizes(documents: Sequence[Document]) -> bool:
+    return all(document.kind in ("yaml", "xml", "json") and document.fields for document in documents)
+
+
+def read(documents: Sequence[Document], request: Request) -> Found:
+    tree: dict[str, Tree] = {}
+    for document in documents:  # as OpenCV's sample writes them: intrinsics.yml, extrinsics.yml
+        for name, node in document.fields.items():
+            tree.setdefault(name, node)
+    names = Names(tree)
+    meters = request.meters or names.meters() or 1.0
+    found = Found("OpenCV", size=names.size())
+    q = names.one(_Q)
+    projections = names.pair(_P)
+    one = names.one(_K)
+    cameras = names.pair(_K) or (None if one is None else (one, one))
+    if projections is not None:
+        left, right = (matrix(named, 3, 4) for named in projections)
+        from_projections(found, left, right, meters, f"{projections[1][0]}[0, 3] = -focal * baseline")
+        found.origin = f"OpenCV, {projections[0][0]} and {projections[1][0]}"
+        if q is not None:
+            _compare(found, matrix(q, 4, 4), meters)
+    elif q is not None:
+        _from_q(found, matrix(q, 4, 4), q[0], meters)
+    elif cameras is None:
+        raise AnyNetError(
+            "the calibration lacks Q, P1 and P2, or K and T (or give --focal and --baseline); "
+            f"it has {shortened(', '.join(map(str, tree))) or 'nothing'}"
+        )
+    if cameras is not None:
+        _from_cameras(found, names, cameras, meters)
+    return found
+
+
+def _from_q(found: Found, q: Matrix, name: str, meters: float) -> None:
+    """Z = Q[2, 3] / (Q[3, 2] d + Q[3, 3]), Q[3, 2] = -1 / Tx."""
+    if q[3, 2] == 0 or not np.isfinite(q).all():
+        raise AnyNetError(f"expected {name}[3, 2] = -1 / Tx, got {q[3, 2]:g}")
+    if abs(q[0, 0] - 1) > 1e-6 or abs(q[1, 1] - 1) > 1e-6:
+        raise AnyNetError(f"expected {name} of OpenCV's stereoRectify, whose first two diagonal values are 1")
+    found.origin = f"OpenCV, {name}"
+    doffs = float(q[3, 3] / q[3, 2])
+    found.values = {
+        "focal": float(q[2, 3]), "baseline": float(abs(1 / q[3, 2]) * meters),
+        "cx": float(-q[0, 3]), "cy": float(-q[1, 3]), "doffs": doffs,
+    }  # fmt: skip
+    if q[3, 2] < 0:
+        found.values |= {"cx": found.values["cx"] + doffs, "doffs": -doffs}
+        found.warnings.append(EXCHANGED)
+
+
+def _compare(found: Found, q: Matrix, meters: float) -> None:
+    """Warns where Q says something else than the projections."""
+    other = Found("")
+    _from_q(other, q, "Q", meters)
+    differing = []
+    for name, value in found.values.items():
+        tolerance = 0.01 * value if name in ("focal", "baseline") else 0.5
+        if abs(value - other.values[name]) > tolerance:
+            differing.append(f"{name} {value:g} against {other.values[name]:g}")
+    if differing:
+        found.warnings.append(f"P1, P2 and Q do not agree ({', '.join(differing)}): P1 and P2 are used")
+
+
+def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], meters: float) -> None:
+    """Enters the raw cameras, or the rectified ones if they have no distortion and no rotation."""
+    distortions = names.pair(_D) or (names.one(_D),) * 2
+    model = FISHEYE if _is_fisheye(names) else PINHOLE
+    left, right = (
+        Camera(_intrinsics(named), np.zeros(0) if other is None else _distortion(other), model)
+        for named, other in zip(cameras, distortions, strict=True)
+    )
+    rotation, translation = names.one(_R), names.one(_T)
+    if found.values:  # told already; the raw cameras are beside them
+        if rotation is not None and translation is not None:
+            translated = _vector(translation) * meters
+            rig = StereoRig(left, right, _rotation(rotation), translated, found.size, "OpenCV, raw cameras")
+            found.rig = None if rig.is_rectified else rig
+            found.raw = names.text("images") == "raw"  # ours
+        return
+    found.origin = "OpenCV, " + " and ".join(dict.fromkeys(name for name, _ in cameras))
+    raw = left.distorted or right.distorted
+    if raw and (rotation is None or translation is None):
+        lacking = [name for name, named in (("R", rotation), ("T", translation)) if named is None]
+        raise AnyNetError(
+            f"of unrectified cameras (distortion is not 0): the calibration lacks {' and '.join(lacking)}; "
+            "give the file that has them as another --calib, or a rectified pair's --focal and --baseline alone"
+        )
+    if translation is None:
+        found.values = {**camera_values(left.matrix), "doffs": float(right.matrix[0, 2] - left.matrix[0, 2])}
+        found.lacking["baseline"] = "T"
+        return
+    turn = np.eye(3) if rotation is None else _rotation(rotation)
+    place = _vector(translation) * meters
+    if not place.any():
+        raise AnyNetError(f"expected {translation[0]} to be the place of the other camera, got 0 0 0")
+    from_rig(found, StereoRig(left, right, turn, place, found.size, found.origin))
+
+
+def _is_fisheye(names: Names) -> bool:
+    told = names.text("model", "cameraModel", "distortionModel", "cameraType", "lens", "projection")
+    return names.text("fisheye", "isFisheye") in ("1", "true", "yes") or any(
+        word in told for word in ("fisheye", "equidistant", "kannala")
+    )
+
+
+def _intrinsics(named: Named) -> Matrix:
+    values = numbers(named[1], named[0])
+    if values.size == 4:
+        fx, fy, cx, cy = values
+        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    return matrix(named, 3, 3)
+
+
+def _distortion(named: Named) -> Matrix:
+    return numbers(named[1], named[0])
+
+
+def _rotation(named: Named) -> Matrix:
+    values = numbers(named[1], named[0])
+    if values.size == 3 and np.isfinite(values).all():
+        return np.asarray(cv2.Rodrigues(values)[0], np.float64)
+    return matrix(named, 3, 3)
+
+
+def _vector(named: Named) -> Matrix:
+    return matrix(named, 3, 1)[:, 0]

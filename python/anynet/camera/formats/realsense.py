@@ -1,0 +1,71 @@
+"""Intel RealSense: JSON with the intrinsics (fx, fy, ppx, ppy, as librealsense names them) of the rectified infrared
+images, and their extrinsics (translation, meters) or baseline.
+
+Source: https://github.com/IntelRealSense/librealsense (rs2_intrinsics, rs2_extrinsics).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from anynet.camera.document import Document
+from anynet.camera.formats.found import Found, Request, camera_values
+from anynet.camera.formats.models import size_of
+from anynet.camera.tree import Tree, numbers, walk
+from anynet.errors import AnyNetError
+
+_INTRINSICS = ("fx", "fy", "ppx", "ppy")
+_OTHER = ("color", "rgb", "fisheye")  # cameras that are not of the pair
+_RIGHT = ("right", "infra2", "infrared2", "infrared_2", "ir2", "infra_2")
+
+
+def recognizes(documents: Sequence[Document]) -> bool:
+    return len(documents) == 1 and documents[0].kind in ("json", "yaml") and bool(_cameras(documents[0].tree))
+
+
+def read(documents: Sequence[Document], request: Request) -> Found:
+    tree = documents[0].tree
+    cameras = _cameras(tree)
+    right = next((fields for name, fields in cameras if any(word in name for word in _RIGHT)), None)
+    left = next((fields for _, fields in cameras if fields is not right), None)
+    if left is None:
+        raise AnyNetError("the calibration lacks the left infrared camera's fx, fy, ppx, ppy")
+    found = Found("RealSense")
+    focal, other, cx, cy = (float(numbers(left[name], name, 1)[0]) for name in _INTRINSICS)
+    found.values = camera_values(np.array([[focal, 0, cx], [0, other, cy], [0, 0, 1]]))
+    if right is not None:
+        found.values["doffs"] = float(numbers(right["ppx"], "ppx", 1)[0]) - cx
+    if "coeffs" in left and numbers(left["coeffs"], "coeffs").any():
+        found.warnings.append("the left camera has distortion (coeffs): are the images rectified?")
+    if "width" in left and "height" in left:
+        found.size = size_of([left["width"], left["height"]], "width and height")
+    baseline = _baseline(tree)
+    if baseline is None:
+        found.lacking["baseline"] = "extrinsics (translation) or baseline"
+    else:
+        found.values["baseline"] = baseline * (request.meters or (1e-3 if baseline > 1 else 1.0))
+    return found
+
+
+def _cameras(tree: Tree) -> list[tuple[str, dict[str, Tree]]]:
+    """By the names that lead to them."""
+    nodes = [((), tree), *walk(tree)]
+    found = []
+    for path, node in nodes:
+        name = ".".join(path).lower()
+        if isinstance(node, dict) and {*_INTRINSICS} <= {*node} and not any(word in name for word in _OTHER):
+            found.append((name, node))
+    return found
+
+
+def _baseline(tree: Tree) -> float | None:
+    """In meters or, as RealSense's stereo baseline option has it, millimeters: none of its cameras is 1 m wide."""
+    nodes = [(".".join(path).lower(), path[-1].lower(), node) for path, node in walk(tree)]
+    for path, name, node in nodes:
+        if "baseline" in name and not isinstance(node, dict):
+            return abs(float(numbers(node, name, 1)[0]))
+        if name == "translation" and not any(word in path for word in _OTHER):
+            return float(np.linalg.norm(numbers(node, name, 3)))
+    return None

@@ -1,0 +1,87 @@
+"""Disparities that begin elsewhere than at 0: toed-in cameras and cut images have negative ones.
+
+The network looks for disparities from 0 on. A pair moved apart by some columns has all its disparities larger by as
+many; so it is moved, predicted, and the columns are subtracted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from anynet.camera.calibration import Calibration
+from anynet.camera.check import negative_disparities
+from anynet.camera.matches import Matches
+from anynet.errors import AnyNetError
+
+if TYPE_CHECKING:
+    from anynet import AnyNetConfig, Estimate, Predictor
+
+Image = npt.NDArray[np.uint8]
+
+_MARGIN = 8  # columns more than the matched corners need
+_LARGEST = 100_000
+
+
+class ShiftedPredictor:
+    """A predictor of disparities from `min_disparity` on, with a predictor's methods.
+
+    Where the disparity cannot be known, at the left border if `min_disparity` is positive, it is NaN.
+
+    Args:
+        predictor: that of the pair moved by as much.
+        min_disparity: the smallest disparity that is looked for, pixels; negative for toed-in cameras.
+    """
+
+    def __init__(self, predictor: Predictor, min_disparity: int) -> None:
+        if abs(min_disparity) > _LARGEST:
+            raise AnyNetError(f"expected min_disparity up to {_LARGEST} pixels, got {min_disparity}")
+        self.predictor = predictor
+        self.min_disparity = int(min_disparity)
+
+    @property
+    def config(self) -> AnyNetConfig:
+        """The predictor's."""
+        return self.predictor.config
+
+    def stages(self, left: Image, right: Image) -> Iterator[Estimate]:
+        """As `Predictor.stages`."""
+        for estimate in self.predictor.stages(*self._moved(left, right)):
+            yield self._back(estimate, left)
+
+    def predict(self, left: Image, right: Image, budget_ms: float | None = None, stage: int | None = None) -> Estimate:
+        """As `Predictor.predict`."""
+        estimate = self.predictor.predict(*self._moved(left, right), budget_ms=budget_ms, stage=stage)
+        return self._back(estimate, left)
+
+    def _moved(self, left: Image, right: Image) -> tuple[Image, Image]:
+        columns = self.min_disparity
+        if columns < 0:  # more columns at the left image's left, and at the right image's right
+            extra = ((0, 0), (-columns, 0), (0, 0)), ((0, 0), (0, -columns), (0, 0))
+            return np.pad(left, extra[0], "edge"), np.pad(right, extra[1], "edge")
+        if columns >= left.shape[1]:
+            raise AnyNetError(f"expected min_disparity below the width of {left.shape[1]} pixels, got {columns}")
+        return left[:, columns:], right[:, : right.shape[1] - columns]
+
+    def _back(self, estimate: Estimate, left: Image) -> Estimate:
+        columns = self.min_disparity
+        disparity = np.full(left.shape[:2], np.nan, np.float32)
+        disparity[:, max(0, columns) :] = estimate.disparity[:, max(0, -columns) :] + np.float32(columns)
+        return replace(estimate, disparity=disparity)
+
+
+def min_disparity(calibration: Calibration | None, matches: Matches) -> int:
+    """The smallest disparity to look for: below 0 where matched corners have such, as far as doffs allows, else 0.
+
+    Points in front of the cameras have disparities above -doffs.
+    """
+    allowed = 0.0 if calibration is None else calibration.doffs
+    needed = negative_disparities(matches)
+    if allowed <= 0 or needed <= 0:
+        return 0
+    return -math.ceil(min(allowed, needed + _MARGIN))

@@ -1,0 +1,216 @@
+"""`anynet calibrate`: a rig's calibration from images of a board."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Iterator
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from anynet.errors import AnyNetError
+
+if TYPE_CHECKING:
+    from anynet.camera.boards import Image, View
+    from anynet.camera.calibrate import BoardCalibration
+
+_VIDEOS = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".mpg", ".mpeg", ".m4v"}
+_STEP = 10  # frames of a video from one look to the next
+_MOVED = 0.04  # of the image's width that the board moves from one view of a video to another
+_LINES = 20  # epipolar lines in the picture
+
+Frames = Iterator["tuple[str, Image, Image]"]
+
+
+class Model(str, Enum):
+    """How the lenses bend."""
+
+    pinhole = "pinhole"
+    rational = "rational"
+    fisheye = "fisheye"
+
+
+def calibrate(
+    left: Annotated[
+        str,
+        typer.Argument(
+            metavar="LEFT", help="Images of the left camera: folder, quoted pattern, video, or number of a camera."
+        ),
+    ],
+    right: Annotated[
+        str | None,
+        typer.Argument(metavar="RIGHT", help="Those of the right one; none with --split.", show_default=False),
+    ] = None,
+    board: Annotated[
+        str, typer.Option(help="Inner corners of the chessboard, or squares of the ChArUco board: COLUMNSxROWS.")
+    ] = "9x6",
+    square: Annotated[float, typer.Option(help="Side of a square, meters.")] = 0.025,
+    charuco: Annotated[
+        float, typer.Option(help="A ChArUco board with markers of this side, meters.", show_default="a chessboard")
+    ] = 0.0,
+    dictionary: Annotated[str, typer.Option(help="Of the markers, such as 4X4_50 or 5X5_1000.")] = "4X4_50",
+    model: Annotated[Model, typer.Option(help="Lenses: 5 coefficients, 8, or fisheye.")] = Model.pinhole,
+    split: Annotated[
+        bool, typer.Option("--split", help="Each image has both views side by side, the left one first.")
+    ] = False,
+    views: Annotated[int, typer.Option(min=5, max=500, help="Stop a video or camera after so many views.")] = 40,
+    out: Annotated[Path, typer.Option(help="The calibration; the picture gets its name and _epipolar.png.")] = Path(
+        "stereo.yaml"
+    ),
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object, for machines.")] = False,
+) -> None:
+    """Calibrate two cameras with pictures of a board, for --calib.
+
+    Hold the board near and far, tilted, and into every corner of both images: 20 views are good. Views that do not fit
+    are left out. Writes one YAML with the raw and the rectified cameras, and a rectified pair with epipolar lines.
+    """
+    from anynet.camera.boards import Board, find_view
+    from anynet.camera.calibrate import calibrate as solve
+    from anynet.camera.write import write_rig
+    from anynet.io import write_image
+
+    if (right is None) != split:
+        raise AnyNetError("expected LEFT and RIGHT, or one source and --split")
+    columns, _, rows = board.lower().partition("x")
+    if not (columns.isdecimal() and rows.isdecimal() and len(board) < 12):
+        raise AnyNetError(f"expected --board COLUMNSxROWS such as 9x6, got {board}")
+    target = Board(int(columns), int(rows), square, charuco, dictionary)
+
+    found: list[View] = []
+    left_out: list[tuple[str, str]] = []
+    size: tuple[int, int] | None = None
+    shown: tuple[Image, Image] | None = None
+    moving = _is_moving(left)
+    with Console(stderr=True).status("looking for the board"):
+        for name, first, second in _frames(left, right):
+            here = first.shape[1], first.shape[0]
+            if size is not None and here != size:
+                raise AnyNetError(
+                    f"{name}: expected images of one size, {size[0]} x {size[1]}, got {here[0]} x {here[1]}"
+                )
+            size = here
+            view = find_view(target, name, first, second)
+            if isinstance(view, str):
+                if not moving:
+                    left_out.append((name, view))
+            elif not moving or all(view.differs(other, _MOVED * size[0]) for other in found):
+                found.append(view)
+                shown = first, second
+                if moving and len(found) == views:
+                    break
+    if size is None or shown is None:
+        raise AnyNetError(f"no board of {board} ({'ChArUco' if charuco else 'chessboard'}) found in {left}")
+    result = solve(found, size, model.value)
+    left_out += result.left_out
+    write_rig(
+        out, result.rig,
+        {"reprojection_error": result.reprojection, "vertical_error": result.vertical, "views": len(result.views)},
+    )  # fmt: skip
+    picture = out.with_name(f"{out.stem}_epipolar.png")
+    write_image(picture, _epipolar(*result.rectification(*shown)))
+    _print(result, left_out, [out, picture], as_json)
+
+
+def _is_moving(source: str) -> bool:
+    return source.isdecimal() or Path(source).suffix.lower() in _VIDEOS
+
+
+def _frames(left: str, right: str | None) -> Frames:
+    """Name, left and right image of every pair."""
+    from anynet.cli.pairs import find_pairs
+    from anynet.io import read_image, read_pair
+
+    if _is_moving(left):
+        yield from _filmed(left, right)
+    elif right is not None:
+        pairs, alone = find_pairs(left, right)
+        for path in alone:
+            print(f"anynet: {path}: no image of this name in the other folder", file=sys.stderr)
+        for pair in pairs:
+            yield pair.name, *read_pair(pair.left, pair.right)
+    else:
+        pairs, _ = find_pairs(left, left)
+        for pair in pairs:
+            yield pair.name, *_halves(read_image(pair.left), pair.name)
+
+
+def _filmed(left: str, right: str | None) -> Frames:
+    """Frames of videos or cameras: of a video one in some, of a camera all that arrive, until Ctrl-C."""
+    import cv2
+
+    sources = [left] if right is None else [left, right]
+    captures = []
+    try:
+        for source in sources:
+            captures.append(cv2.VideoCapture(int(source) if source.isdecimal() else source))
+            if not captures[-1].isOpened():
+                what = (
+                    "no such camera"
+                    if source.isdecimal()
+                    else os.strerror(2)
+                    if not Path(source).exists()
+                    else "no video"
+                )
+                raise AnyNetError(f"cannot read {source}: {what}")
+        number = 0
+        while True:
+            try:
+                if not all([capture.grab() for capture in captures]):
+                    return
+                number += 1
+                if not left.isdecimal() and (number - 1) % _STEP:
+                    continue
+                images = [cv2.cvtColor(capture.retrieve()[1], cv2.COLOR_BGR2RGB) for capture in captures]
+            except KeyboardInterrupt:
+                return  # the user has shown enough
+            name = f"frame {number}"
+            yield name, *(_halves(images[0], name) if right is None else (images[0], images[1]))  # type: ignore[arg-type]
+    finally:
+        for capture in captures:
+            capture.release()
+
+
+def _halves(image: Image, name: str) -> tuple[Image, Image]:
+    width = image.shape[1]
+    if width % 2:
+        raise AnyNetError(f"{name}: expected two views side by side, an even width, got {width}")
+    return image[:, : width // 2].copy(), image[:, width // 2 :].copy()
+
+
+def _epipolar(left: Image, right: Image) -> Image:
+    """The rectified images side by side: what lies on a line in one lies on it in the other."""
+    import cv2
+    import numpy as np
+
+    picture = np.hstack([left, right])
+    height, width = picture.shape[:2]
+    for row in range(height // _LINES // 2, height, max(1, height // _LINES)):
+        cv2.line(picture, (0, row), (width - 1, row), (0, 255, 0), 1)
+    return picture
+
+
+def _print(result: BoardCalibration, left_out: list[tuple[str, str]], files: list[Path], as_json: bool) -> None:
+    for name, why in left_out:
+        print(f"anynet: {name}: left out: {why}", file=sys.stderr)
+    calibration = result.rectification.calibration
+    if as_json:
+        report = {
+            "views": len(result.views), "left_out": dict(left_out), "reprojection_error": result.reprojection,
+            "vertical_error": result.vertical, "vertical_error_largest": result.vertical_largest,
+            "focal": [float(camera.matrix[0, 0]) for camera in (result.rig.left, result.rig.right)],
+            "baseline": result.rig.baseline, "calibration": calibration.values(),
+            "files": {"calibration": str(files[0]), "epipolar": str(files[1])},
+        }  # fmt: skip
+        print(json.dumps(report))
+        return
+    print(f"{len(result.views)} views used, {len(left_out)} left out")
+    print(f"reprojection error {result.reprojection:.3f} pixels (root mean square)")
+    print(f"vertical error after rectification {result.vertical:.3f} pixels, at most {result.vertical_largest:.3f}")
+    print(f"focal length {calibration.focal:.2f} pixels, baseline {calibration.baseline:.5f} m (rectified)")
+    for file in files:
+        print(file)

@@ -1,0 +1,116 @@
+"""What `predict` writes for one pair: all its files agree on what is unknown."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from anynet.camera import Calibration
+
+Image = npt.NDArray[np.uint8]
+Map = npt.NDArray[np.float32]
+
+
+class Format(str, Enum):
+    """Formats of disparity files."""
+
+    png = "png"
+    pfm = "pfm"
+    npy = "npy"
+
+
+class DepthFormat(str, Enum):
+    """Formats of depth files."""
+
+    tiff = "tiff"
+    npy = "npy"
+    png = "png"
+
+
+@dataclass(frozen=True)
+class Writer:
+    """Where to, and in which formats."""
+
+    out: Path
+    format: Format = Format.png
+    depth_formats: tuple[DepthFormat, ...] = (DepthFormat.tiff,)
+    max_depth: float = float("inf")
+
+    def of(self, name: str) -> Results:
+        """For the pair of that name."""
+        return Results(self, name)
+
+
+@dataclass
+class Results:
+    """One pair's files: kind -> path, as they are written."""
+
+    writer: Writer
+    name: str
+    files: dict[str, str] = field(default_factory=dict)
+
+    def write_disparity(self, prefix: str, disparity: Map, limits: tuple[float, float]) -> None:
+        """A disparity map, NaN where unknown, and its image in colors from `limits`.
+
+        A PNG holds disparities above 0 and below 256: where others are known, a PFM is written instead, with a warning.
+        """
+        from anynet.io import write_disparity, write_image
+        from anynet.visualize import disparity_image
+
+        chosen = self.writer.format
+        if chosen is Format.png and not _fits_png(disparity):
+            warnings.warn(
+                f"a PNG holds disparities above 0 and below 256 pixels, got {np.nanmin(disparity):.1f} to "
+                f"{np.nanmax(disparity):.1f}: written as PFM",
+                stacklevel=2,
+            )
+            chosen = Format.pfm
+        write_disparity(self._path(f"{prefix}disparity", chosen.value), disparity)
+        write_image(self._path(f"{prefix}color", "png"), disparity_image(disparity, limits))
+
+    def write_depth(self, disparity: Map, calibration: Calibration, left: Image) -> None:
+        """Depth maps and the point cloud."""
+        from anynet.io import write_depth, write_ply
+
+        depth = calibration.depth(disparity)
+        if not np.isfinite(depth).any():
+            warnings.warn(
+                f"no pixel has a depth: that takes disparities above {-calibration.doffs:g} pixels (doffs), "
+                f"got {_range(disparity)}",
+                stacklevel=2,
+            )
+        for number, chosen in enumerate(dict.fromkeys(self.writer.depth_formats)):
+            path = self._path("depth" if number == 0 else f"depth_{chosen.value}", chosen.value, "depth")
+            write_depth(path, depth)
+        near = depth <= self.writer.max_depth
+        write_ply(self._path("cloud", "ply"), calibration.points(depth)[near], left[near])
+
+    def write_images(self, left: Image, right: Image) -> None:
+        """The rectified images."""
+        from anynet.io import write_image
+
+        for side, image in (("left", left), ("right", right)):
+            write_image(self._path(f"rectified_{side}", "png"), image)
+
+    def _path(self, kind: str, ending: str, stem: str | None = None) -> Path:
+        path = self.writer.out / f"{self.name}_{stem or kind}.{ending}"
+        self.files[kind] = str(path)
+        return path
+
+
+def _fits_png(disparity: Map) -> bool:
+    known = disparity[np.isfinite(disparity)]
+    return not known.size or (known.min() > 0 and known.max() * 256 <= 65535)
+
+
+def _range(disparity: Map) -> str:
+    if not np.isfinite(disparity).any():
+        return "none"
+    return f"{np.nanmin(disparity):.1f} to {np.nanmax(disparity):.1f}"

@@ -1,0 +1,89 @@
+"""AnyNet (Wang et al., ICRA 2019, arXiv 1810.11408): stereo depth in stages, each refining the one before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from anynet.errors import AnyNetError
+from anynet.model.config import AnyNetConfig
+from anynet.model.features import SeparateFeatures, UNet
+from anynet.model.first_stage import FirstStage
+from anynet.model.refinement import Refinement
+from anynet.model.residual_stage import residual_stage
+from anynet_ext import resize
+
+
+class AnyNet(nn.Module):
+    """Disparity of a rectified pair, as a sequence of ever better estimates.
+
+    The images are [N, 3, H, W] float tensors: RGB in 0..1, minus the ImageNet mean, over its standard deviation
+    (`anynet.model.config.MEAN`, `STD`); any H and W. An estimate is [N, 1, H, W], in pixels: left pixel (y, x) is
+    right pixel (y, x - d).
+    """
+
+    def __init__(self, config: AnyNetConfig | None = None) -> None:
+        super().__init__()
+        self.config = config = config or AnyNetConfig()
+        self.features = SeparateFeatures(config.features) if config.features.separate else UNet(config.features)
+        self.first_stage = FirstStage(config)
+        self.residual_stages = nn.ModuleList(residual_stage(config, i) for i in range(config.features.blocks))
+        self.refinement = Refinement(config.refinement, config.finest)
+
+    def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
+        """The first `stages` estimates (default: all), each [N, 1, H, W]; differentiable."""
+        if stages is not None and not 1 <= stages <= self.config.stages:
+            raise AnyNetError(f"AnyNet: expected stages from 1 to {self.config.stages}, got {stages}")
+        return list(islice(self.stages(left, right), stages))
+
+    def stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
+        """The estimates one by one; each is computed, its part of the U-Net included, when it is asked for.
+
+        Raises:
+            AnyNetError: when the first estimate is asked for, if the images are not of one shape [N, 3, H, W].
+        """
+        if left.shape != right.shape or left.dim() != 4 or left.shape[1] != 3 or 0 in left.shape[2:]:
+            raise AnyNetError(
+                f"AnyNet: expected two images of one shape [N, 3, H, W], got {list(left.shape)} and {list(right.shape)}"
+            )
+        height, width = left.shape[2:]
+        zoom = self.config.zoom
+        if zoom == 1:
+            yield from self._stages(left, right)
+            return
+        size = max(1, round(zoom * height)), max(1, round(zoom * width))
+        left, right = (F.interpolate(image, size, mode="bilinear", antialias=zoom < 1) for image in (left, right))
+        for estimate in self._stages(left, right):
+            yield resize(estimate, (height, width), scale=width / size[1])
+
+    def _stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
+        height, width = left.shape[2:]
+        # Padding at the right and the bottom moves no pixel, and the left-to-right scan meets it last.
+        padding = (0, -width % self.config.stride, 0, -height % self.config.stride)
+        left, right = (F.pad(image, padding, mode="replicate") if any(padding) else image for image in (left, right))
+        for estimate in self._padded_stages(left, right):
+            yield estimate[..., :height, :width]
+
+    def _padded_stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
+        height, width = size = left.shape[2], left.shape[3]
+        images = torch.cat([left, right])
+        if self.config.enlargement > 1:
+            images = resize(images, (height * self.config.enlargement, width * self.config.enlargement))
+        skips = self.features.encode(images)
+        finer = skips[-2]
+        levels = self.features.decode(skips)
+        coarsest = next(levels)
+        estimate = resize(self.first_stage(coarsest, finer), size, scale=self.config.stride)
+        yield estimate
+        for stage, features in zip(self.residual_stages, levels, strict=True):
+            h, w = features.shape[2:]
+            scale = height // h
+            update = stage(features, resize(estimate, (h, w), scale=1 / scale))
+            estimate = resize(update, size, scale=scale, add=None if stage.replaces else estimate)
+            yield estimate
+        estimate = resize(estimate, (height // self.config.finest, width // self.config.finest))
+        yield resize(self.refinement(left, right, estimate), size)

@@ -1,0 +1,88 @@
+"""The network as it runs in deployment: bytes in, batch norms folded, and nothing computed that nobody asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
+
+import torch
+from torch import Tensor, nn
+
+from anynet.model.anynet import AnyNet
+
+_ops = torch.ops.anynet
+
+
+class DeployedAnyNet(nn.Module):
+    """An AnyNet with its weights frozen, for one pair at a time; it strings the parts' deployed forms together.
+
+    The estimates are never added up at full size before somebody wants to see one. Each stage's result stays small, and
+    since pixels are areas, what the next stage needs, the sum enlarged to full size and reduced to the features' size,
+    is exactly the small results enlarged to the features' size. (A stage that replaces the estimate leaves a sum of one
+    term.)
+
+    `config.zoom` is the caller's: the images are taken as they are.
+    """
+
+    @torch.no_grad()
+    def __init__(self, model: AnyNet) -> None:
+        super().__init__()
+        self.config = config = model.config
+        self.features = model.features.deploy(config.enlargement, config.stride)
+        self.first_stage = model.first_stage.deploy()
+        self.residual_stages = nn.ModuleList(stage.deploy() for stage in model.residual_stages)  # type: ignore[operator]
+        self.refinement = model.refinement.deploy()
+        self.requires_grad_(False).eval()
+
+    def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
+        """The first `stages` disparity maps (default: all), [H, W] each, of uint8 RGB images [H, W, 3]."""
+        return [enlarge() for enlarge in islice(self.stages(left, right), stages)]
+
+    def stages(self, left: Tensor, right: Tensor) -> Iterator[Callable[[], Tensor]]:
+        """One function per stage, each giving that stage's full-size disparity [H, W].
+
+        Iterating computes a stage at low resolution; only calling the function enlarges its result.
+
+        Args:
+            left, right: uint8 RGB, [H, W, 3], contiguous.
+        """
+        size = left.shape[:2]
+
+        def enlarge(maps: list[Tensor], scales: list[int]) -> Callable[[], Tensor]:
+            return lambda: _sum_at(maps, scales, size)
+
+        skips = self.features.encode(left, right)
+        finer = skips[-2]
+        levels = self.features.decode(skips)
+        scale = self.config.stride
+        maps: list[Tensor] = [self.first_stage(next(levels), finer)[0, 0].mul_(scale)]  # in pixels of the images
+        scales: list[int] = [scale]  # pixels of the images per pixel of the map
+        yield enlarge(maps, scales)
+        for stage, features in zip(self.residual_stages, levels, strict=True):
+            scale //= 2
+            disparity = _sum_at(maps, [s // scale for s in scales], features.shape[2:], 1 / scale)
+            update = stage(features, disparity[None, None])[0, 0].mul_(scale)
+            maps, scales = ([update], [scale]) if stage.replaces else ([*maps, update], [*scales, scale])
+            yield enlarge(maps, scales)
+        disparity = _blur(maps[-1], scale)
+        if len(maps) > 1:
+            disparity += _sum_at(maps[:-1], [s // scale for s in scales[:-1]], disparity.shape)
+        refined = self.refinement(left, right, disparity[None, None])[0, 0]
+        yield enlarge([refined], [scale * disparity.shape[1] // refined.shape[1]])
+
+
+def _sum_at(maps: list[Tensor], ratios: list[int], size: Sequence[int], gain: float = 1.0) -> Tensor:
+    """[h, w]: the sum of the maps, each enlarged by its ratio."""
+    out: Tensor = _ops.upsample_sum.default(maps, ratios, gain, *size)
+    return out
+
+
+def _blur(x: Tensor, factor: int) -> Tensor:
+    """Enlarged 2 or 4 times and reduced again: 1/8, 3/4, 1/8 or 1/16, 7/8, 1/16 along both axes; the border goes on."""
+    side = 1 / (4 * factor)
+    for d in (0, 1):
+        n = x.shape[d]
+        before = torch.cat([x.narrow(d, 0, 1), x.narrow(d, 0, n - 1)], d)
+        after = torch.cat([x.narrow(d, 1, n - 1), x.narrow(d, n - 1, 1)], d)
+        x = (1 - 2 * side) * x + side * (before + after)
+    return x

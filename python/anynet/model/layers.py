@@ -1,0 +1,243 @@
+"""Convolutions with what surrounds them: as they train, and as they are deployed, with batch norms folded into them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from anynet_ext import batch_norm_relu, conv3x3, conv3x3x3, resize
+
+# The operators themselves: what deployed layers pass to them needs none of the checks of their Python functions.
+_ops = torch.ops.anynet
+
+Affine = tuple[Tensor, Tensor]  # scale and shift per channel
+
+
+class Convolution(nn.Module):
+    """3x3 (or 3x3x3, `dims=3`) convolution with zero padding."""
+
+    def __init__(self, inputs: int, outputs: int, *, dims: int = 2, stride: int = 1, bias: bool = False) -> None:
+        super().__init__()
+        self.stride = stride
+        self.weight = nn.Parameter(torch.empty(outputs, inputs, *[3] * dims))
+        self.bias = nn.Parameter(torch.zeros(outputs)) if bias else None
+        nn.init.normal_(self.weight, std=math.sqrt(2 / (3**dims * outputs)))
+
+    def forward(self, x: Tensor, relu_in: bool = False) -> Tensor:
+        volume = self.weight.dim() == 5
+        if not few_channels(self.weight):
+            convolution = F.conv3d if volume else F.conv2d
+            return convolution(F.relu(x) if relu_in else x, self.weight, self.bias, self.stride, padding=1)
+        return (conv3x3x3 if volume else conv3x3)(x, self.weight, self.bias, stride=self.stride, relu_in=relu_in)
+
+    def deploy(
+        self, affine_in: Affine | None = None, affine_out: Affine | None = None, *, relu_out: bool = False
+    ) -> DeployedConvolution:
+        """Frozen; `affine_in` (then ReLU) is of its inputs, `affine_out` of its outputs."""
+        weight, bias = self.weight.detach(), None if self.bias is None else self.bias.detach()
+        if affine_out is not None:
+            scale, shift = affine_out
+            weight = (weight * scale.view(-1, *[1] * (weight.dim() - 1))).contiguous()
+            bias = shift if bias is None else shift + scale * bias
+        return DeployedConvolution(weight, bias, affine_in, self.stride, relu_out)
+
+
+def few_channels(weight: Tensor) -> bool:
+    """Whether our own operators are the faster ones for a convolution of this weight."""
+    outputs, inputs = weight.shape[:2]
+    return outputs <= 32 and inputs <= 64
+
+
+class DeployedConvolution(nn.Module):
+    """relu_out(weight * relu(scale x + shift) + bias), in one operator."""
+
+    def __init__(self, weight: Tensor, bias: Tensor | None, affine: Affine | None, stride: int, relu_out: bool) -> None:
+        super().__init__()
+        scale, shift = affine or (None, None)
+        self.weight: Tensor
+        self.bias: Tensor | None
+        self.scale: Tensor | None
+        self.shift: Tensor | None
+        for name, value in (("weight", weight), ("bias", bias), ("scale", scale), ("shift", shift)):
+            self.register_buffer(name, value)
+        self.stride, self.relu_out = stride, relu_out
+
+    def forward(self, x: Tensor) -> Tensor:
+        relu_in = self.scale is not None
+        if few_channels(self.weight):
+            op = _ops.conv3x3.default if self.weight.dim() == 4 else _ops.conv3x3x3.default
+            out: Tensor = op(x, self.weight, self.bias, self.scale, self.shift, self.stride, relu_in, self.relu_out)
+            return out
+        if self.scale is not None and self.shift is not None:
+            shape = [-1] + [1] * (x.dim() - 2)
+            x = F.relu(torch.addcmul(self.shift.view(shape), x, self.scale.view(shape)))
+        convolution = F.conv2d if self.weight.dim() == 4 else F.conv3d
+        x = convolution(x, self.weight, self.bias, self.stride, padding=1)
+        return F.relu(x) if self.relu_out else x
+
+
+class PreActivation(nn.Module):
+    """Batch norm, ReLU, excitation where there is one, convolution.
+
+    `guide` is the number of channels of the picture that the excitation is made from, or 0 for none. It begins by
+    weighing all channels alike.
+    """
+
+    def __init__(self, inputs: int, outputs: int, *, dims: int = 2, stride: int = 1, guide: int = 0) -> None:
+        super().__init__()
+        self.norm = nn.BatchNorm3d(inputs) if dims == 3 else nn.BatchNorm2d(inputs)
+        self.conv = Convolution(inputs, outputs, dims=dims, stride=stride)
+        self.excitation = Convolution(guide, inputs) if guide else None
+        if self.excitation is not None:
+            nn.init.zeros_(self.excitation.weight)
+
+    def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
+        x = norm_relu(x, self.norm)
+        if self.excitation is not None:
+            x = x * excitation_weights(self.excitation(guide))
+        out: Tensor = self.conv(x)
+        return out
+
+    def deploy(self, affine_in: Affine | None, affine_out: Affine | None, *, relu_out: bool = True) -> nn.Module:
+        """Its convolution, with the norm and ReLU before it, where the input has not been through them, and the next
+        layer's after it."""
+        conv = self.conv.deploy(affine_in, affine_out, relu_out=relu_out and affine_out is not None)
+        return conv if self.excitation is None else DeployedExcitation(self.excitation.deploy(), conv)
+
+
+class DeployedExcitation(nn.Module):
+    """A convolution whose input, already activated, is weighed first, in place: it is nobody else's."""
+
+    def __init__(self, excitation: DeployedConvolution, conv: DeployedConvolution) -> None:
+        super().__init__()
+        self.excitation, self.conv = excitation, conv
+
+    def forward(self, x: Tensor, guide: Tensor) -> Tensor:
+        out: Tensor = self.conv(x.mul_(excitation_weights(self.excitation(guide))))
+        return out
+
+
+def excitation_weights(logits: Tensor) -> Tensor:
+    """[N, C, H, W], any values, to weights of a volume [N, C, D, H, W]: 0 to 2."""
+    return (2 * logits.sigmoid())[:, :, None]
+
+
+def norm_relu(x: Tensor, norm: nn.Module) -> Tensor:
+    """`relu(norm(x))` of a batch norm; in training, it tracks its statistics as PyTorch's does."""
+    if not (isinstance(norm, (nn.BatchNorm2d, nn.BatchNorm3d)) and norm.training):
+        return F.relu(norm(x), inplace=True)
+    out, mean, variance = batch_norm_relu(x, norm.weight, norm.bias, eps=norm.eps)
+    track(norm, mean, variance, x.numel() // x.shape[1])
+    return out
+
+
+@torch.no_grad()
+def track(norm: nn.modules.batchnorm._BatchNorm, mean: Tensor, variance: Tensor, count: int | Tensor) -> None:
+    """Moves a batch norm's running statistics towards those of a batch of `count` values per channel."""
+    # The types allow for batch norms that track nothing.
+    assert norm.running_mean is not None
+    assert norm.running_var is not None
+    assert norm.num_batches_tracked is not None
+    assert norm.momentum is not None
+    norm.running_mean.lerp_(mean, norm.momentum)
+    norm.running_var.lerp_(variance * (count / (count - 1)), norm.momentum)
+    norm.num_batches_tracked.add_(1)
+
+
+def affine_of(norm: nn.Module) -> Affine:
+    """A batch norm in eval mode, as scale and shift."""
+    assert isinstance(norm, (nn.BatchNorm2d, nn.BatchNorm3d))
+    assert norm.running_var is not None
+    assert norm.running_mean is not None
+    scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
+    return scale.detach(), (norm.bias - scale * norm.running_mean).detach()
+
+
+def chain(channels: list[int]) -> nn.Sequential:
+    return nn.Sequential(*(PreActivation(i, o) for i, o in pairwise(channels)))
+
+
+class Hourglass(nn.Module):
+    """Adds to a volume what its surroundings say: halved in all three dimensions, looked at, and enlarged again.
+
+    Begins as the identity. Inside, it has twice the volume's channels, on every level.
+    """
+
+    def __init__(self, channels: int, inner: int, levels: int, guide: int = 0) -> None:
+        super().__init__()
+        self.down = PreActivation(channels, inner, dims=3, stride=2)
+        self.inner = nn.Sequential(PreActivation(inner, inner, dims=3, guide=guide))
+        if levels > 1:
+            self.inner.append(Hourglass(inner, inner, levels - 1, guide))
+        self.up = PreActivation(inner, channels, dims=3)
+        nn.init.zeros_(self.up.conv.weight)
+
+    def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
+        return upsample_add(x, self.up(run(self.inner, self.down(x), _halved(guide))))
+
+    def deploy(self, affine_out: Affine) -> DeployedHourglass:
+        """With the norm and ReLU of the layer after it."""
+        return DeployedHourglass(deploy_chain([self.down, *self.inner, self.up]), affine_out)
+
+
+class DeployedHourglass(nn.Module):
+    """relu(scale (x + what its layers say, enlarged) + shift)."""
+
+    def __init__(self, layers: nn.ModuleList, affine: Affine) -> None:
+        super().__init__()
+        self.layers = layers
+        self.scale: Tensor
+        self.shift: Tensor
+        for name, value in zip(("scale", "shift"), affine, strict=True):
+            self.register_buffer(name, value)
+
+    def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
+        coarse = run(self.layers, x, _halved(guide))
+        out: Tensor = _ops.upsample_add.default(x, coarse, self.scale, self.shift)
+        return out
+
+
+def _halved(guide: Tensor | None) -> Tensor | None:
+    """The guide in the size of the volume halved."""
+    return None if guide is None else F.avg_pool2d(guide, 2, ceil_mode=True)
+
+
+def upsample_add(x: Tensor, coarse: Tensor) -> Tensor:
+    """`x` [N, C, D, H, W] plus the volume [N, C, d, h, w], trilinear, in its size."""
+    n, c, depth, height, width = x.shape
+    planes = resize(coarse.flatten(1, 2), (height, width)).view(n, c, -1, height * width)
+    return resize(planes, (depth, height * width), add=x.view(n, c, depth, -1)).view_as(x)
+
+
+def run(layers: Iterable[Callable[..., Tensor]], x: Tensor, guide: Tensor | None = None) -> Tensor:
+    """Layers one after another; `guide` [N, C, H, W] is for those that have an excitation."""
+    for layer in layers:
+        x = layer(x, guide) if isinstance(layer, _GUIDED) else layer(x)
+    return x
+
+
+_GUIDED = PreActivation, Hourglass, DeployedExcitation, DeployedHourglass
+
+
+def deploy_chain(layers: Sequence[nn.Module], *, activated: bool = False) -> nn.ModuleList:
+    """Pre-activation layers and hourglasses, deployed: each norm goes into the layer before it.
+
+    Args:
+        activated: the input has been through the first norm and ReLU; otherwise they go into the first layer.
+    """
+    deployed = nn.ModuleList()
+    for layer, following in pairwise([*layers, None]):
+        if isinstance(layer, Hourglass):
+            assert isinstance(following, PreActivation)
+            deployed.append(layer.deploy(affine_of(following.norm)))
+        else:
+            assert isinstance(layer, PreActivation)
+            affine_in = None if activated or len(deployed) else affine_of(layer.norm)
+            affine_out = affine_of(following.norm) if isinstance(following, PreActivation) else None
+            deployed.append(layer.deploy(affine_in, affine_out))
+    return deployed

@@ -1,0 +1,69 @@
+"""Which stages fit into a budget of time, learnt from the frames before."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Hashable
+from contextlib import suppress
+
+MAX_THREADS = 256  # starting many more ends the process
+SIZES = 64  # kept: the most recently seen
+
+
+class Latency:
+    """Seconds that something takes, learnt from the last few times.
+
+    Without a lock: its values are never changed in place, and threads that meet lose at most a measurement.
+    """
+
+    RECENT = 16
+    PATIENCE = 100  # times in a row to do without before hoping again: the machine may have been busy
+
+    def __init__(self) -> None:
+        self._recent: tuple[float, ...] = ()
+        self._fastest = math.inf
+        self._skips = 0
+
+    def expected(self, unknown: float) -> float:
+        """The second slowest of the recent ones, so that one hiccup rules nothing out; `unknown` if there are none."""
+        if self._skips >= self.PATIENCE:
+            return min(self._fastest, unknown)
+        return max(sorted(self._recent)[-2:-1] or self._recent, default=unknown)
+
+    def measured(self, seconds: float) -> None:
+        before = () if self._skips >= self.PATIENCE else self._recent
+        self._recent = (*before, seconds)[-self.RECENT :]
+        self._fastest = min(self._fastest, seconds)
+        self._skips = 0
+
+    def skipped(self) -> None:
+        self._skips += 1
+
+
+class Latencies:
+    """What the parts of a frame take, for one image size and number of threads."""
+
+    def __init__(self, stages: int) -> None:
+        self.stages = [Latency() for _ in range(stages)]
+        self.enlarging = Latency()
+
+
+class LatencyTable:
+    """The latencies of the image sizes seen most recently."""
+
+    def __init__(self, stages: int) -> None:
+        self._stages = stages
+        self._tables: OrderedDict[Hashable, Latencies] = OrderedDict()
+
+    def __getitem__(self, size: Hashable) -> Latencies:
+        # Each step is atomic, and another thread's in between costs at most what was learnt about one size.
+        latencies = self._tables.pop(size, None) or Latencies(self._stages)
+        self._tables[size] = latencies
+        if len(self._tables) > SIZES:
+            with suppress(KeyError):
+                self._tables.popitem(last=False)
+        return latencies
+
+    def __len__(self) -> int:
+        return len(self._tables)

@@ -1,0 +1,37 @@
+"""Networks and inputs that several tests share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from anynet import AnyNet, AnyNetConfig
+from anynet.model.layers import Convolution
+
+
+def wild(config: AnyNetConfig | None = None, seed: int = 8) -> AnyNet:
+    """Random weights of larger scales than training begins with: disparities from -40 to 200, mostly positive."""
+    model = AnyNet(config)
+    torch.manual_seed(seed)
+    for module in model.modules():
+        if isinstance(module, Convolution):
+            nn.init.normal_(module.weight, std=math.sqrt(2 / module.weight[:, 0].numel()))
+    return model.eval()
+
+
+def with_weights_of(model: AnyNet, **parts: Any) -> AnyNet:
+    """The same weights in a network of which some parts are configured otherwise."""
+    other = AnyNet(replace(model.config, **parts)).eval()
+    other.load_state_dict(model.state_dict())
+    return other
+
+
+def pair(height: int, width: int, batch: int = 1) -> tuple[Tensor, Tensor]:
+    """Two images of noise."""
+    generator = torch.Generator().manual_seed(height * width)
+    left, right = (torch.randn(batch, 3, height, width, generator=generator) for _ in range(2))
+    return left, right
