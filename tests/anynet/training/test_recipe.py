@@ -128,4 +128,4 @@ def test_options_of_the_wrong_type_or_size(tmp_path, name, value, message):
 @pytest.mark.parametrize("value", ["channels=" + "[" * 5000, "channels=" + "9" * 5000, "channels", "channels=x"])
 def test_a_network_option_that_cannot_be_parsed(capsys, tmp_path, value):
     assert main(["train", "--out", str(tmp_path), "--data", "render:1", "--network", value]) == 2
-    assert "--network: expected NAME=VALUE" in capsys.readouterr().err
+    assert "--network: expected " in capsys.readouterr().err
