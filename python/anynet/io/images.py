@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import re
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from PIL import ExifTags, Image, ImageFile, UnidentifiedImageError
@@ -30,6 +31,7 @@ _UPRIGHT = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
+_DEEP_COLOR = re.compile("RGBA?;16[BLN]$")
 Levels = npt.NDArray[Any]  # uint8 or uint16
 
 
@@ -44,7 +46,7 @@ def open_image(path: str | Path) -> Image.Image:
     Raises:
         AnyNetError: if the file is missing, truncated or not an image, or has more than `max_pixels`.
     """
-    return _upright(path, _open(path, read_bytes(path)))[0]
+    return _upright(path, _open(path, read_bytes(path)))
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
@@ -133,18 +135,14 @@ def _open(path: str | Path, data: bytes) -> ImageFile.ImageFile:
     return image
 
 
-def _upright(path: str | Path, image: ImageFile.ImageFile) -> tuple[Image.Image, int]:
-    """The image decoded and turned, and the orientation that it is stored in."""
+def _upright(path: str | Path, image: ImageFile.ImageFile) -> Image.Image:
+    """The image decoded and turned."""
     if image.tile and image.tile[0].codec_name.startswith("ppm") and image.width * image.height > _SLOW_PIXELS:
         raise AnyNetError(f"{path}: expected binary values up to 255 or 65535 in a PPM or PGM of this size")
     with telling_damage(path, "damaged image"):
-        if image.format == "TIFF":  # Pillow turns it on loading, and then forgets that it did
-            orientation = _orientation(image)
-            image.load()
-            return image, orientation
         image.load()
-        orientation = _orientation(image)  # a PNG may tell it behind the pixels
-        return (image.transpose(_UPRIGHT[orientation]) if orientation in _UPRIGHT else image), orientation
+        orientation = _orientation(image)  # a PNG may tell it behind the pixels; Pillow has turned a TIFF already
+        return image.transpose(_UPRIGHT[orientation]) if orientation in _UPRIGHT else image
 
 
 def _orientation(image: Image.Image) -> int:
@@ -161,9 +159,8 @@ def _levels(path: str | Path) -> Levels:
     stored = _open(path, data)
     if stored.format == "PPM" and data[:2] in (b"P5", b"P6"):
         return _ppm_levels(path, data, stored)
-    # Pillow decodes 16-bit colors to 8 bits.
-    deep_color = stored.mode in ("RGB", "RGBA") and any(";16" in str(tile.args) for tile in stored.tile)
-    image, orientation = _upright(path, stored)
+    deep_color = bool(stored.tile) and all(_DEEP_COLOR.match(_raw_mode(tile.args)) for tile in stored.tile)
+    image = _upright(path, stored)
     if image.mode in ("LA", "La", "PA", "RGBA", "RGBa"):
         warnings.warn(f"{path}: the alpha channel is ignored", stacklevel=3)
     with telling_damage(path, "damaged image"):
@@ -172,21 +169,26 @@ def _levels(path: str | Path) -> Levels:
         if image.mode in ("I", "F"):
             raise AnyNetError(f"{path}: expected an image of 8 or 16 bits per channel, got 32 bits (mode {image.mode})")
         rgb = np.array(image.convert("RGB"))
-        return _deep_color(data, orientation, rgb) if deep_color else rgb
+        return rgb.astype(np.uint16) << 8 | _lower_bytes(path, data) if deep_color else rgb
 
 
-def _deep_color(data: bytes, orientation: int, rgb: npt.NDArray[np.uint8]) -> Levels:
-    """All 16 bits of the RGB image of whose levels Pillow gives the upper 8; these alone, if OpenCV has others."""
-    stored: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if stored is None or stored.dtype != np.uint16 or stored.ndim != 3 or stored.shape[2] < 3:
-        return rgb
-    channels = [Image.fromarray(np.ascontiguousarray(stored[..., channel])) for channel in (2, 1, 0)]
-    turned = [channel.transpose(_UPRIGHT[orientation]) for channel in channels] if orientation in _UPRIGHT else []
-    for candidate in (channels, turned):  # OpenCV turns some files, and some not
-        levels: Levels = np.dstack([np.asarray(channel) for channel in candidate]) if candidate else rgb[:0]
-        if levels.shape == rgb.shape and np.array_equal(levels >> 8, rgb):
-            return levels
-    return rgb
+def _lower_bytes(path: str | Path, data: bytes) -> Levels:
+    """Those of 16-bit colors, RGB [H, W, 3] upright: Pillow reads the upper bytes only, so the order is exchanged."""
+    image = _open(path, data)
+    image.tile = [tile._replace(args=_exchanged(tile.args)) for tile in image.tile]
+    return np.asarray(_upright(path, image).convert("RGB"))
+
+
+def _raw_mode(args: Any) -> str:
+    return str(args[0] if isinstance(args, tuple) and args else args)
+
+
+def _exchanged(args: Any) -> Any:
+    if isinstance(args, tuple):
+        return (_exchanged(args[0]), *args[1:])
+    mode, order = str(args).split(";16")
+    native = "L" if sys.byteorder == "little" else "B"
+    return f"{mode};16{'B' if (native if order == 'N' else order) == 'L' else 'L'}"
 
 
 def _ppm_levels(path: str | Path, data: bytes, image: ImageFile.ImageFile) -> Levels:
