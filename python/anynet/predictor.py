@@ -125,6 +125,12 @@ class Predictor:
         Raises:
             AnyNetError: if an argument is not that.
         """
+        with _frames.one():
+            return self._predict(left, right, budget_ms, stage)
+
+    def _predict(
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8], budget_ms: float | None, stage: int | None
+    ) -> Estimate:
         start = perf_counter()
         images = check_images(left, right)
         if stage is None:
@@ -199,7 +205,7 @@ class _Frames:
     @contextmanager
     def one(self) -> Iterator[None]:
         with self._changed:
-            if self._exiting and threading.current_thread().daemon:
+            while self._exiting and threading.current_thread().daemon:
                 self._changed.wait()  # for ever: nobody waits for a daemon thread
             self._running += 1
         try:
