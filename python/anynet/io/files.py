@@ -92,6 +92,92 @@ def read_text(path: str | os.PathLike[str]) -> str:
         return data.decode("utf-8-sig")
 
 
+MAX_PIXELS = 2**26  # 67 megapixels: larger than images of cameras, small enough to decode in seconds
+MAX_TEXT = 2**24  # bytes
+_UNFINISHED = ".{}.part"
+
+
+def max_pixels() -> int:
+    """Most pixels that an image or map may have: `MAX_PIXELS`, or what the environment's ANYNET_MAX_PIXELS says.
+
+    Raises:
+        AnyNetError: if ANYNET_MAX_PIXELS is not a positive whole number.
+    """
+    text = os.environ.get("ANYNET_MAX_PIXELS")
+    if text is None:
+        return MAX_PIXELS
+    if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) > 0):
+        raise AnyNetError(f"expected ANYNET_MAX_PIXELS to be a positive whole number, got {text!r}")
+    return int(text)
+
+
+def check_size(path: str | os.PathLike[str], width: int, height: int) -> None:
+    """Refuses what a header declares before memory is taken for it.
+
+    Raises:
+        AnyNetError: if there is no pixel, or there are more than `max_pixels`.
+    """
+    if min(width, height) < 1:
+        raise AnyNetError(f"{path}: expected at least one pixel, got {width} x {height}")
+    if width * height > max_pixels():
+        raise AnyNetError(
+            f"{path}: expected at most {max_pixels()} pixels, got {width} x {height}; "
+            "ANYNET_MAX_PIXELS in the environment raises the limit"
+        )
+
+
+@contextmanager
+def telling_damage(path: str | os.PathLike[str], what: str) -> Iterator[None]:
+    """Makes any exception an AnyNetError of one line: a damaged file raises whatever its decoder meets first."""
+    try:
+        yield
+    except AnyNetError:
+        raise
+    except Exception as error:
+        raise AnyNetError(f"cannot read {path}: {what} ({one_line(error)})") from error
+
+
+def one_line(error: BaseException) -> str:
+    """What the error says, at most 200 characters of it."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+def read_bytes(path: str | os.PathLike[str], limit: int | None = None) -> bytes:
+    """The content of a regular file: devices and pipes, which may have no end, are refused.
+
+    Args:
+        path: the file.
+        limit: most bytes that are read; by default 16 for each of `max_pixels`.
+
+    Raises:
+        AnyNetError: if there is no such file, it is of another kind or too large, or it cannot be read.
+    """
+    limit = limit or 16 * max_pixels()
+    try:
+        status = os.stat(path)
+        if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
+            raise AnyNetError(f"cannot read {path}: expected a file, got a {_kind(status.st_mode)}")
+        if status.st_size > limit:
+            raise AnyNetError(f"cannot read {path}: expected at most {limit} bytes, got {status.st_size}")
+        with open(path, "rb") as file:
+            return file.read(status.st_size)
+    except AnyNetError:
+        raise
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
+        raise AnyNetError(f"cannot read {path}: {_reason(error)}") from error
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """The content of a text file in UTF-8, with or without a byte-order mark.
+
+    Raises:
+        AnyNetError: as `read_bytes`, or if the file is not UTF-8.
+    """
+    data = read_bytes(path, MAX_TEXT)
+    with telling_damage(path, "not a text in UTF-8"):
+        return data.decode("utf-8-sig")
+
+
 def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
     """Writes `data` to `path`: afterwards the file is complete, or on an error as it was before.
 
