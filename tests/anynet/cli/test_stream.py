@@ -128,7 +128,7 @@ def raw_view(camera: np.ndarray, distortion: np.ndarray, x: float, turn: float, 
     columns, rows = np.meshgrid(np.arange(320.0), np.arange(240.0))
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
     rays = cv2.undistortPoints(pixels, camera, distortion).reshape(240, 320, 2)
-    rays = np.dstack([rays, np.ones((240, 320))]) @ cv2.Rodrigues(np.array([0, turn, 0]))[0].T
+    rays = np.dstack([rays, np.ones((240, 320))]) @ cv2.Rodrigues(np.array([0.0, turn, 0.0]))[0].T
     points = rays * (depth / rays[..., 2:])
     where = ((points[..., :2] + (x, 0)) * 400 + 800).astype(np.float32)
     return cv2.remap(texture, where[..., 0], where[..., 1], cv2.INTER_LINEAR)
@@ -140,7 +140,7 @@ def test_raw_images_of_a_rig_with_distortion(run: Run, tmp_path: Path) -> None:
     camera = np.array([[260.0, 0, 158], [0, 262, 121], [0, 0, 1]])
     distortion = np.array([-0.25, 0.06, 0.001, -0.001, 0.0])
     turn = 0.03
-    rotation = cv2.Rodrigues(np.array([0, -turn, 0]))[0]  # from the left camera's axes to the right one's
+    rotation = cv2.Rodrigues(np.array([0.0, -turn, 0.0]))[0]  # from the left camera's axes to the right one's
     translation = rotation @ np.array([[-0.12], [0], [0]])
     r1, r2, p1, p2, *_ = cv2.stereoRectify(camera, distortion, camera, distortion, (320, 240), rotation, translation)
     views = [raw_view(camera, distortion, x, angle, 1.5) for x, angle in ((0, 0), (0.12, turn))]
