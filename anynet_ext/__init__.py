@@ -1,27 +1,48 @@
 """Stereo operators for PyTorch: import this, then use the functions here or `torch.ops.anynet.*`.
 
+Those of the deployed network are for inference: float32, on the CPU, without gradients. On the CPU, all raise
+MemoryError if there is not enough for their scratch, and run on one thread in a forked process.
 `anynet_ext.reference` has every operator again in plain PyTorch.
 """
 
 from anynet_ext import reference
 from anynet_ext._batch_norm import batch_norm_relu
+from anynet_ext._candidates import candidate_costs, expected_disparity
 from anynet_ext._conv import conv3x3, conv3x3x3
-from anynet_ext._cost_volume import cost_volume
+from anynet_ext._convex_upsampling import convex_upsampling
+from anynet_ext._cost_volume import cost_volume, cost_volume_affine_relu
 from anynet_ext._library import build_info
+from anynet_ext._max_pool import max_pool
+from anynet_ext._occlusion import fill_occlusions
+from anynet_ext._read_image import read_image
 from anynet_ext._resize import resize
 from anynet_ext._soft_argmin import soft_argmin
-from anynet_ext._spatial_propagation import spatial_propagation
+from anynet_ext._spatial_propagation import normalized_propagation, spatial_propagation
+from anynet_ext._stem import stem
+from anynet_ext._upsample import upsample_add, upsample_concat, upsample_sum
 from anynet_ext._warp import warp
 
 __all__ = [
     "batch_norm_relu",
     "build_info",
+    "candidate_costs",
     "conv3x3",
     "conv3x3x3",
+    "convex_upsampling",
     "cost_volume",
+    "cost_volume_affine_relu",
+    "expected_disparity",
+    "fill_occlusions",
+    "max_pool",
+    "normalized_propagation",
+    "read_image",
     "reference",
     "resize",
     "soft_argmin",
     "spatial_propagation",
+    "stem",
+    "upsample_add",
+    "upsample_concat",
+    "upsample_sum",
     "warp",
 ]

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import no_second_derivative
+from anynet_ext._register import no_second_derivative, register_fake
 
 
 def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
@@ -24,7 +24,7 @@ def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float =
 
     Returns:
         [N, C, ...], differentiable in all tensors; and, [C] each and without gradients, the channels' means and
-        variances (over the number of values, as they normalise). Results and gradients repeat bit for bit whatever the
+        variances (over the number of values, as they normalize). Results and gradients repeat bit for bit whatever the
         number of threads. Under autocast it computes in float32.
 
     Raises:
@@ -87,8 +87,8 @@ def _backward(ctx: Any, grad: Tensor, *_: object) -> tuple[Tensor | None, ...]:
 
 torch.library.impl("anynet::batch_norm_relu", "CUDA", _cuda)
 torch.library.impl("anynet::batch_norm_relu_backward", "CUDA", _cuda_backward)
-torch.library.register_fake("anynet::batch_norm_relu", _fake)
-torch.library.register_fake("anynet::batch_norm_relu_backward", _fake_backward)
+register_fake("anynet::batch_norm_relu", _fake)
+register_fake("anynet::batch_norm_relu_backward", _fake_backward)
 torch.library.register_autograd("anynet::batch_norm_relu", _backward, setup_context=_setup_context)
 torch.library.register_autograd(
     "anynet::batch_norm_relu_backward", no_second_derivative("anynet::batch_norm_relu_backward")

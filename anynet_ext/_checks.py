@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
-from torch import SymInt, Tensor
-from torch.fx.experimental.symbolic_shapes import guard_or_false
+from torch import SymBool, SymInt, Tensor
 
 DTYPES = (torch.float32, torch.float64, torch.float16, torch.bfloat16)
 
@@ -29,7 +28,7 @@ def matches(op: str, name: str, value: object, shape: Sequence[int | SymInt], fi
     """
     if not isinstance(value, Tensor):
         raise TypeError(f"{op}: expected {name} to be a Tensor, got {type(value).__name__}")
-    if value.dim() != len(shape) or any(guard_or_false(a != b) for a, b in zip(value.shape, shape, strict=True)):
+    if value.dim() != len(shape) or any(surely(a != b) for a, b in zip(value.shape, shape, strict=True)):
         raise ValueError(f"{op}: expected {name} of shape {list(shape)}, got {list(value.shape)}")
     if value.dtype != first.dtype and not torch.is_autocast_enabled(first.device.type):
         raise TypeError(f"{op}: expected all tensors of one dtype, got {first.dtype} and, for {name}, {value.dtype}")
@@ -38,6 +37,15 @@ def matches(op: str, name: str, value: object, shape: Sequence[int | SymInt], fi
             f"{op}: expected all tensors on one device, got {first.device} and, for {name}, {value.device}"
         )
     return value
+
+
+def surely(condition: bool | SymBool) -> bool:
+    """Whether a condition on sizes is known to hold: while a graph is traced, not all sizes need be known."""
+    if isinstance(condition, bool) and not torch.compiler.is_compiling():
+        return condition
+    from torch.fx.experimental.symbolic_shapes import guard_or_false  # importing it takes longer than all of ours
+
+    return guard_or_false(condition)
 
 
 def integer(op: str, name: str, value: object) -> int:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register
+from anynet_ext._register import register, register_inference
 
 
 def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, first: int = 0, last: int = 0) -> Tensor:
@@ -45,6 +45,28 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
     return out
 
 
+def cost_volume_affine_relu(
+    left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
+) -> Tensor:
+    """`relu(scale * cost_volume + shift)`: the input of a cost network's first convolution, for inference on the CPU.
+
+    Args:
+        left: [N, C, H, W] float32, contiguous; the G groups of channels of a pair are G samples of the batch.
+        right: [N, C, H, W] float32.
+        disparity: [N, 1, H, W] or None.
+        first, last: the offsets to compare at.
+        scale, shift: [G], for sample n those at n % G.
+
+    Returns:
+        [N, last - first + 1, H, W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype or shape.
+    """
+    out: Tensor = torch.ops.anynet.cost_volume_affine_relu(left, right, disparity, first, last, scale, shift)
+    return out
+
+
 def _fake(left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int) -> Tensor:
     n, _, h, w = left.shape
     return left.new_empty(n, last - first + 1, h, w)
@@ -69,3 +91,13 @@ def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor, Tensor, Tensor | None, No
 
 
 register("cost_volume", fake=_fake, fake_backward=_fake_backward, setup_context=_setup_context, backward=_backward)
+
+
+def _fake_cost_volume_affine_relu(
+    left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
+) -> Tensor:
+    n, _, h, w = left.shape
+    return left.new_empty(n, last - first + 1, h, w)
+
+
+register_inference("cost_volume_affine_relu", _fake_cost_volume_affine_relu)

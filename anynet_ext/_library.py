@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 import ctypes
+import sys
 from pathlib import Path
 from typing import Any
 
 import torch
 
-_FOLDER = Path(__file__).parent
+import anynet_ext
+
+
+def _find() -> Path:
+    """The folder of the compiled libraries: this one, or that of the installed package, which a source tree hides from
+    Python when that runs in the tree's own folder."""
+    here = Path(__file__).parent
+    for folder in (here, *(Path(entry, "anynet_ext").absolute() for entry in sys.path)):
+        if (folder / "_C.so").exists():
+            if folder != here:
+                anynet_ext.__path__.append(str(folder))  # for _kernels
+            return folder
+    raise ImportError(
+        f"{here / '_C.so'} is missing: build it with `pip install .` (or `python setup.py build_ext --inplace`)"
+    )
+
+
+_FOLDER = _find()
 
 
 def _load(name: str) -> ctypes.CDLL:
     path = _FOLDER / name
-    if not path.exists():
-        raise ImportError(
-            f"{path} is missing: build it with `pip install .` (or `python setup.py build_ext --inplace`)"
-        )
     torch.ops.load_library(path)  # type: ignore[no-untyped-call]
     return ctypes.CDLL(str(path))
 

@@ -44,6 +44,35 @@ def no_second_derivative(name: str) -> Callable[..., None]:
     return backward
 
 
+def register_fake(name: str, fake: Callable[..., Any]) -> None:
+    """Registers results without data. PyTorch asks for these too if only some tensors are on the meta device: no."""
+
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        values = [*args, *kwargs.values()]
+        tensors = [t for value in values for t in (value if isinstance(value, (list, tuple)) else [value])]
+        devices = sorted({str(t.device) for t in tensors if isinstance(t, Tensor)})
+        if len(devices) > 1:
+            raise RuntimeError(f"{name}: expected all tensors on one device, got {' and '.join(devices)}")
+        return fake(*args, **kwargs)
+
+    torch.library.register_fake(name, checked)
+
+
+def register_inference(name: str, fake: Callable[..., Any]) -> None:
+    """Gives the compiled operator `anynet::<name>`, which has no derivative, what PyTorch asks of it.
+
+    Args:
+        fake: results of the right shape, dtype and layout, without data.
+    """
+    op = f"anynet::{name}"
+
+    def no_gradient(ctx: Any, *grads: Tensor | None) -> None:
+        raise RuntimeError(f"{op} has no gradients: it is for inference")
+
+    register_fake(op, fake)
+    torch.library.register_autograd(op, no_gradient)
+
+
 def register(
     name: str,
     *,
@@ -63,12 +92,12 @@ def register(
     """
     forward_name = f"anynet::{name}"
     backwards = fake_backward if isinstance(fake_backward, Mapping) else {"backward": fake_backward}
-    torch.library.register_fake(forward_name, fake)
+    register_fake(forward_name, fake)
     torch.library.register_autograd(forward_name, backward, setup_context=setup_context)
     torch.library.register_vmap(forward_name, _vmap_rule(forward_name, shared))
     for key, fake_of_key in backwards.items():
         backward_name = f"{forward_name}_{key}"
-        torch.library.register_fake(backward_name, fake_of_key)
+        register_fake(backward_name, fake_of_key)
         torch.library.register_autograd(backward_name, no_second_derivative(backward_name))
         if not shared:  # else a result is a sum over the batch
             torch.library.register_vmap(backward_name, _vmap_rule(backward_name, shared))

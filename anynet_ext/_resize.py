@@ -29,7 +29,7 @@ def resize(
         size: (H, W) of the result.
         scale: factor on the resized input.
         add: [N, C, H, W], same dtype and device, or None for nothing.
-        align_corners: whether corner pixels' centres meet (True) or pixels are areas (False).
+        align_corners: whether corner pixels' centers meet (True) or pixels are areas (False).
 
     Returns:
         [N, C, H, W], contiguous. Half types are computed in float32 and rounded once.

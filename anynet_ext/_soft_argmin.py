@@ -6,7 +6,6 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.fx.experimental.symbolic_shapes import guard_or_false
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
 from anynet_ext._register import register
@@ -29,7 +28,7 @@ def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
     """
     _checks.tensor("soft_argmin", "cost", cost, "N, D, H, W")
     _checks.integer("soft_argmin", "first", first)
-    if guard_or_false(cost.shape[1] == 0):
+    if _checks.surely(cost.shape[1] == 0):
         raise ValueError(f"soft_argmin: expected cost of shape [N, D, H, W] with D >= 1, got {list(cost.shape)}")
     out: Tensor = torch.ops.anynet.soft_argmin(cost, first)
     return out

@@ -8,20 +8,20 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register
+from anynet_ext._register import register, register_inference
 
 
 def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
-    """Scans each channel in one direction; every pixel blends with its three neighbours in the line before:
+    """Scans each channel in one direction; every pixel blends with its three neighbors in the line before:
 
         h[t] = (1 - sum_j g_j) input[t] + sum_j g_j h[t - 1, shifted by j],   j = -1, 0, +1 across the scan
 
-    A gate whose neighbour lies outside the image counts as 0 in both sums, so the first line is the input's. Gates are
+    A gate whose neighbor lies outside the image counts as 0 in both sums, so the first line is the input's. Gates are
     used as given: a network that wants the scan to be stable keeps sum_j |g_j| <= 1.
 
     Args:
         input: [N, C, H, W]. float32, float64, float16 or bfloat16, any layout.
-        gates: [N, 3, C, H, W], same dtype and device; `gates[:, 0]` weighs the neighbour with the smaller row (or
+        gates: [N, 3, C, H, W], same dtype and device; `gates[:, 0]` weighs the neighbor with the smaller row (or
             column) index, `[:, 1]` the one straight before, `[:, 2]` the one with the larger index.
         direction: 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top.
 
@@ -40,6 +40,20 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     if direction not in (0, 1, 2, 3):
         raise ValueError(f"spatial_propagation: expected direction 0, 1, 2 or 3, got {direction}")
     out: Tensor = torch.ops.anynet.spatial_propagation(input, gates, direction)
+    return out
+
+
+def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+    """`spatial_propagation` with each pixel's three gates over the sum of their absolute values plus 1e-8.
+
+    For inference on the CPU.
+
+    [N, C, H, W], [N, 3, C, H, W] -> [N, C, H, W], float32, contiguous.
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype, shape or layout, or the direction is not 0, 1, 2 or 3.
+    """
+    out: Tensor = torch.ops.anynet.normalized_propagation(input, gates, direction)
     return out
 
 
@@ -64,3 +78,10 @@ def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor, Tensor, None]:
 register(
     "spatial_propagation", fake=_fake, fake_backward=_fake_backward, setup_context=_setup_context, backward=_backward
 )
+
+
+def _fake_normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+    return torch.empty_like(input, memory_format=torch.contiguous_format)
+
+
+register_inference("normalized_propagation", _fake_normalized_propagation)

@@ -79,7 +79,7 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     columns = [h]
     for t in range(1, x.shape[-1]):
         gate = g[..., t].clone()  # [N,3,C,H]
-        gate[:, 0, :, :1] = 0  # no neighbour above the first row
+        gate[:, 0, :, :1] = 0  # no neighbor above the first row
         gate[:, 2, :, -1:] = 0  # none below the last
         above, below = F.pad(h, (1, 0))[..., :-1], F.pad(h, (0, 1))[..., 1:]
         h = (1 - gate.sum(1)) * x[..., t] + gate[:, 0] * above + gate[:, 1] * h + gate[:, 2] * below
@@ -133,7 +133,7 @@ def resize(
     return (out if add is None else out + _widen(add)[0]).to(input.dtype)
 
 
-# The operators of `anynet_ext._inference`; images are uint8 [H,W,3].
+# Operators of the deployed network, which have gradients here; images are uint8 [H,W,3].
 
 
 def _affine_relu(x: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
@@ -154,7 +154,7 @@ def stem(
     input_scale: int = 1,
     multiple: int = 4,
 ) -> Tensor:
-    """relu(scale * max_pool(conv(relu(conv(enlarged images - mean)))) + shift)"""
+    """relu(scale * max_pool(conv(relu(conv(upsampled images - mean)))) + shift)"""
     x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
     x = F.interpolate(x, scale_factor=input_scale, mode="bilinear")
     x = F.pad(x, (0, -x.shape[3] % multiple, 0, -x.shape[2] % multiple), mode="replicate")
@@ -165,29 +165,29 @@ def stem(
 def upsample_sum(
     maps: Sequence[Tensor], ratios: Sequence[int], height: int, width: int, *, gain: float = 1.0
 ) -> Tensor:
-    """gain * sum_i bilinear(maps[i]), cut to height x width"""
-    enlarged = [
+    """gain * sum_i bilinear(maps[i]), cropped to height x width"""
+    upsampled = [
         F.interpolate(m[None, None], scale_factor=ratio, mode="bilinear")[0, 0, :height, :width]
         for m, ratio in zip(maps, ratios, strict=True)
     ]
-    return gain * torch.stack(enlarged).sum(0)
+    return gain * torch.stack(upsampled).sum(0)
 
 
 def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
-    """relu(scale * cat([skip, enlarged coarse]) + shift)"""
-    enlarged = F.interpolate(coarse, skip.shape[2:], mode="bilinear", align_corners=True)
-    return _affine_relu(torch.cat([skip, enlarged], 1), scale, shift)
+    """relu(scale * cat([skip, upsampled coarse]) + shift)"""
+    upsampled = F.interpolate(coarse, skip.shape[2:], mode="bilinear", align_corners=True)
+    return _affine_relu(torch.cat([skip, upsampled], 1), scale, shift)
 
 
 def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
-    """relu(scale * (input + enlarged coarse) + shift)"""
+    """relu(scale * (input + upsampled coarse) + shift)"""
     return _affine_relu(input + F.interpolate(coarse, input.shape[2:], mode="trilinear"), scale, shift)
 
 
 def cost_volume_affine_relu(
     left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
 ) -> Tensor:
-    """relu(scale * cost_volume + shift), pair n with those at n % len(scale)"""
+    """relu(scale * cost_volume + shift), sample n with those at n % len(scale)"""
     volume = cost_volume(left, right, disparity, first, last)
     pairs = volume.view(len(volume) // len(scale), len(scale), *volume.shape[1:])
     return _affine_relu(pairs, scale, shift).flatten(0, 1)
@@ -203,18 +203,33 @@ def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tens
     return spatial_propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
 
 
+def occlusion_masks(disparity: Tensor) -> tuple[Tensor, Tensor]:
+    """How much each pixel of [N,1,H,W], in pixels, is out of the right image's view, and how much occluded: 0 to 1"""
+    position = torch.arange(disparity.shape[-1], dtype=disparity.dtype, device=disparity.device) - disparity
+    leftmost = position.flip(-1).cummin(-1).values.flip(-1)
+    # Over two pixels, so that rounding cannot make a pixel jump from one surface to another.
+    return (-position / 2).clamp(0, 1), ((position - leftmost - 0.5) / 2).clamp(0, 1)
+
+
 def fill_occlusions(
-    disparity: Tensor, pixel: float, *, propagation: Callable[..., Tensor] = spatial_propagation
+    disparity: Tensor, pixel: float, *, propagation: Callable[[Tensor, Tensor, int], Tensor] = spatial_propagation
 ) -> Tensor:
-    """What lands outside the right image takes its right neighbor's disparity; what lands behind others, its left's"""
+    """Pixels out of view take their right neighbor's disparity, then occluded ones their left neighbor's.
+
+    Differentiable in the disparities that fill, not in the masks. `propagation` may be the compiled operator.
+    """
     with torch.no_grad():
-        lands = torch.arange(disparity.shape[-1], dtype=disparity.dtype, device=disparity.device) - disparity / pixel
-        leftmost = lands.flip(-1).cummin(-1).values.flip(-1)
-        outside, behind = (-lands / 2).clamp(0, 1), ((lands - leftmost - 0.5) / 2).clamp(0, 1)
-    for mask, direction in ((outside, 1), (behind * (1 - outside), 0)):
+        out_of_view, occluded = occlusion_masks(disparity / pixel)
+    for mask, direction in ((out_of_view, 1), (occluded * (1 - out_of_view), 0)):
         gates = F.pad(mask[:, None], (0, 0, 0, 0, 0, 0, 1, 1))  # only the neighbor in the same row
         disparity = propagation(disparity, gates, direction)
     return disparity
+
+
+def window_extremes(disparity: Tensor, radius: int) -> tuple[Tensor, Tensor]:
+    """The largest and the smallest of [N,1,H,W] within `radius` rows and columns of each pixel"""
+    window = 2 * radius + 1
+    return F.max_pool2d(disparity, window, 1, radius), -F.max_pool2d(-disparity, window, 1, radius)
 
 
 def candidate_costs(
@@ -225,41 +240,47 @@ def candidate_costs(
     last: int,
     radius: int,
     *,
-    volume: Callable[..., Tensor] = cost_volume,
+    volume: Callable[[Tensor, Tensor, Tensor, int, int], Tensor] = cost_volume,
 ) -> Tensor:
-    """[groups' costs of the residuals, of the nearest and of the farthest within the radius; left; their offsets]"""
-    left, right = features.view(2, -1, features.shape[1] // groups, *features.shape[2:]).unbind()
-    window = 2 * radius + 1
-    near, far = F.max_pool2d(disparity, window, 1, radius), -F.max_pool2d(-disparity, window, 1, radius)
-    n, _, h, w = disparity.shape
+    """[groups' costs of the residuals, of the largest and of the smallest within the radius; left; their offsets]
+
+    For any batch: features [2N,C,H,W], all left and then all right ones, disparity [N,1,H,W]; differentiable in both.
+    `volume` may be the compiled cost volume.
+    """
+    n, c = len(disparity), features.shape[1]
+    left, right = features.reshape(2, n * groups, c // groups, *features.shape[2:])
+    extremes = window_extremes(disparity, radius)
     costs = [
-        volume(left, right, at.repeat_interleave(groups, 0), *span).view(n, -1, h, w)
-        for at, span in ((disparity, (first, last)), (near, (0, 0)), (far, (0, 0)))
+        volume(left, right, around.repeat_interleave(groups, 0), *span).reshape(n, -1, *features.shape[2:])
+        for around, span in zip((disparity, *extremes), ((first, last), (0, 0), (0, 0)), strict=True)
     ]
-    return torch.cat([*costs, features[:n], near - disparity, far - disparity], 1)
+    return torch.cat([*costs, features[:n], *(extreme - disparity for extreme in extremes)], 1)
 
 
 def expected_disparity(cost: Tensor, disparity: Tensor, offsets: Tensor, first: int) -> Tensor:
-    """disparity + sum of softmax(-cost) * [first, first + 1, ..., offsets]"""
+    """disparity + sum of softmax(-cost) * [first, first + 1, ..., offsets]; for any batch, differentiable in all"""
     probability = (-cost).softmax(1)
     steps = torch.arange(first, first + cost.shape[1] - 2, dtype=cost.dtype, device=cost.device)
-    out = (probability[:, :-2] * steps.view(-1, 1, 1)).sum(1, keepdim=True)
-    return disparity + (out + probability[:, -2:-1] * offsets[:, :1] + probability[:, -1:] * offsets[:, 1:])
+    residual = (probability[:, :-2] * steps.view(-1, 1, 1)).sum(1, keepdim=True)
+    residual = residual + probability[:, -2:-1] * offsets[:, :1] + probability[:, -1:] * offsets[:, 1:]
+    return disparity + residual
 
 
 def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
-    """pixel_shuffle(softmax of the logits and, for the pixel itself, 0; times the 3x3 around it)"""
+    """pixel_shuffle(softmax of the logits and, for the pixel itself, 0; times the 3x3 around it); differentiable"""
     n, _, h, w = input.shape
-    around = F.unfold(F.pad(input, (1, 1, 1, 1), mode="replicate"), 3).view(n, 1, 9, h, w)
-    logits = torch.cat([logits.view(n, 4, 8, h, w), input.new_zeros(n, 4, 1, h, w)], 2)
-    weights = logits[:, :, [0, 1, 2, 3, 8, 4, 5, 6, 7]].softmax(2)
-    return F.pixel_shuffle((weights * around).sum(2), 2)
+    padded = F.pad(input, (1, 1, 1, 1), mode="replicate")
+    around = torch.stack([padded[:, 0, i : i + h, j : j + w] for i in range(3) for j in range(3)], 1)
+    logits = logits.view(n, 4, 8, h, w)
+    own = torch.zeros_like(logits[:, :, :1])
+    weights = torch.cat([logits[:, :, :4], own, logits[:, :, 4:]], 2).softmax(2)
+    return F.pixel_shuffle((weights * around[:, None]).sum(2), 2)
 
 
 def read_image(
     image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int, *, block: int = 1
 ) -> Tensor:
-    """pixel_unshuffle((bilinear(image / factor) - mean) / std, block), cut to height x width"""
+    """pixel_unshuffle((bilinear(image / factor) - mean) / std, block), cropped to height x width"""
     images = image.permute(2, 0, 1)[None].float()
     h, w = factor * block * height, factor * block * width
     rows, columns = max(0, h - image.shape[0]), max(0, w - image.shape[1])

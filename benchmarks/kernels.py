@@ -2,7 +2,7 @@
 
 python benchmarks/kernels.py [--threads 1 2] [--only NAME] [--json FILE]
 
-Eager and compiled are `anynet_ext.reference` (PyTorch's own batch norm), float32; all times are medians of one call, in
+Eager and compiled are `anynet_ext.reference` (PyTorch's own batch norm), float32; those for inference have no backward; all times are medians of one call, in
 milliseconds. The limit is the larger of arithmetic / peak rate and bytes / copy bandwidth, each input read and each
 output written once.
 """
@@ -26,7 +26,10 @@ from anynet_ext import reference
 
 @dataclass(frozen=True)
 class Workload:
-    """One operator at one size. `operations` and `backward_operations`: arithmetic per call, vector elements."""
+    """One operator at one size. `operations` and `backward_operations`: arithmetic per call, vector elements.
+
+    Operators for inference have no backward operations.
+    """
 
     name: str
     size: str
@@ -34,7 +37,7 @@ class Workload:
     ours: Callable[..., Tensor]
     plain: Callable[..., Tensor]
     operations: int
-    backward_operations: int
+    backward_operations: int | None = None
     compiles: bool = True  # False where the plain version is a loop of hundreds of steps, too long a graph
 
 
@@ -124,7 +127,103 @@ def workloads() -> list[Workload]:
             10 * n * c * h * w,
         )
     )
-    return result
+    return result + inference_workloads()
+
+
+def image(h: int, w: int) -> Tensor:
+    return torch.randint(0, 256, (h, w, 3), dtype=torch.uint8)
+
+
+def inference_workloads() -> list[Workload]:
+    """Operators of the deployed network, at the sizes of a KITTI pair."""
+    h, w = 92, 308  # 1/4 of 368 x 1232
+    pixels = h * w
+
+    def affine(c: int) -> tuple[Tensor, Tensor]:
+        return torch.rand(c), torch.rand(c)
+
+    def plain(function: Callable[..., Tensor], *rest: object) -> Callable[..., Tensor]:
+        return lambda *tensors: function(*tensors, *rest)
+
+    def row(name: str, size: str, inputs: tuple[Tensor, ...], operations: int, *rest: object) -> Workload:
+        """A row whose operator and reference take the tensors, then the rest."""
+        ours, reference_of = getattr(anynet_ext, name), getattr(reference, name)
+        return Workload(name, size, inputs, plain(ours, *rest), plain(reference_of, *rest), operations)
+
+    features, groups, span = torch.randn(2, 16, h, w), 2, (-2, 2)
+    stem = (
+        *(image(4 * h, 4 * w) for _ in range(2)),
+        torch.rand(3),
+        torch.randn(2, 3, 3, 3),
+        torch.rand(2),
+        torch.randn(2, 2, 3, 3),
+        *affine(2),
+    )
+    volume = torch.randn(1, 8, 12, h // 4, w // 4), torch.randn(1, 8, 6, h // 8, w // 8)
+    maps = [torch.randn(h >> i, w >> i) for i in (0, 1, 2)]
+    return [
+        row("stem", f"2x{4 * h}x{4 * w}", stem, 2 * pixels * (16 * 54 + 4 * 36)),
+        row(
+            "read_image",
+            f"{4 * h}x{4 * w} to {h}x{w}",
+            (image(4 * h, 4 * w), torch.rand(3), torch.rand(3)),
+            15 * pixels,
+            4,
+            h,
+            w,
+        ),
+        row("max_pool", f"2x16x{h}x{w}", (features, *affine(16)), 5 * 2 * 16 * pixels // 4),
+        Workload(
+            "upsample_sum",
+            f"3 maps to {4 * h}x{4 * w}",
+            tuple(maps),
+            lambda *m: anynet_ext.upsample_sum(m, [4, 8, 16], 4 * h, 4 * w),
+            lambda *m: reference.upsample_sum(m, [4, 8, 16], 4 * h, 4 * w),
+            3 * 4 * 16 * pixels,
+        ),
+        row(
+            "upsample_concat",
+            f"2x16+16x{h}x{w}",
+            (features, torch.randn(2, 16, h // 2, w // 2), *affine(32)),
+            6 * 2 * 32 * pixels,
+        ),
+        row("upsample_add", f"1x8x12x{h // 4}x{w // 4}", (*volume, *affine(8)), 10 * volume[0].numel()),
+        row(
+            "cost_volume_affine_relu",
+            f"1x16x{h // 4}x{w // 4}, 12 disparities",
+            tuple(torch.randn(2, 1, 16, h // 4, w // 4)),
+            3 * 16 * 12 * pixels // 16,
+            None,
+            0,
+            11,
+            *affine(1),
+        ),
+        row(
+            "normalized_propagation",
+            f"1x8x{h}x{w}",
+            (torch.randn(1, 8, h, w), torch.randn(1, 3, 8, h, w)),
+            13 * 8 * pixels,
+            0,
+        ),
+        row("fill_occlusions", f"1x1x{h}x{w}", (smooth_disparity(1, h, w),), 16 * pixels, 1.0),
+        row(
+            "candidate_costs",
+            f"2x16x{h}x{w}",
+            (features, smooth_disparity(1, h, w)),
+            (5 * 16 * (span[1] - span[0] + 3) + 12) * pixels,
+            groups,
+            *span,
+            2,
+        ),
+        row(
+            "expected_disparity",
+            f"1x7x{h}x{w}",
+            (torch.randn(1, 7, h, w), torch.rand(1, 1, h, w), torch.randn(1, 2, h, w)),
+            16 * 7 * pixels,
+            -2,
+        ),
+        row("convex_upsampling", f"1x1x{h}x{w}", (torch.rand(1, 1, h, w), torch.randn(1, 32, h, w)), 16 * 32 * pixels),
+    ]
 
 
 def backward_of(function: Callable[..., Tensor], inputs: tuple[Tensor, ...]) -> Callable[[], object]:
@@ -160,16 +259,16 @@ def measure(workload: Workload, limits: Limits, seconds: float) -> list[Row]:
         forward = [
             None if f is None else median_ms(lambda f=f: f(*inputs), seconds) for f in _versions(workload, compiled)
         ]
+    read, written = sum(t.nbytes for t in inputs), out.nbytes
+    limit = limits.ms(workload.operations, read + written)
+    rows = [Row(workload.name, workload.size, limits.threads, *forward, limit)]
+    if workload.backward_operations is None:
+        return rows
     backward = [
         None if f is None else median_ms(backward_of(f, inputs), seconds) for f in _versions(workload, compiled)
     ]
-    read, written = sum(t.nbytes for t in inputs), out.nbytes
-    limit = limits.ms(workload.operations, read + written)
     back_limit = limits.ms(workload.backward_operations, 2 * read + written)
-    return [
-        Row(workload.name, workload.size, limits.threads, *forward, limit),
-        Row(f"{workload.name}, backward", workload.size, limits.threads, *backward, back_limit),
-    ]
+    return [*rows, Row(f"{workload.name}, backward", workload.size, limits.threads, *backward, back_limit)]
 
 
 def _versions(workload: Workload, compiled: Callable[..., Tensor] | None) -> list[Callable[..., Tensor] | None]:
@@ -220,7 +319,10 @@ def main() -> None:
             for row in measure(each, limits, arguments.seconds)
         ]
         out.print(table(rows, limits))
-        for name, some in (("forward", rows[::2]), ("backward", rows[1::2])):
+        backward = [row for row in rows if row.kernel.endswith(", backward")]
+        for name, some in (("forward", [row for row in rows if row not in backward]), ("backward", backward)):
+            if not some:
+                continue
             mean = math.exp(sum(math.log(row.speedup) for row in some) / len(some))
             out.print(f"{name}: geometric mean {mean:.1f} x torch.compile (eager where it cannot compile)")
         all_rows += rows

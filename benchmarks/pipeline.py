@@ -52,7 +52,8 @@ from torch import Tensor, nn
 from torch.utils._python_dispatch import TorchDispatchMode
 
 import anynet_ext
-from anynet import AnyNet, Predictor, load_checkpoint, network
+from anynet import AnyNet, Predictor, load_checkpoint
+from anynet.model.config import MEAN, STD
 
 
 class Plain(nn.Module):
@@ -90,8 +91,8 @@ class Counter(TorchDispatchMode):
 
 
 def stem_multiply_adds(model: AnyNet) -> int:
-    """Of the first two layers, which the inference graph computes inside one operator."""
-    c, pixels = model.config.channels, HEIGHT * WIDTH * model.config.input_scale**2
+    """Of the first two layers, which the deployed network computes inside one operator."""
+    c, pixels = model.config.features.channels, HEIGHT * WIDTH * model.config.enlargement**2
     return 2 * (pixels * 27 * c + pixels // 4 * 9 * c * c)
 
 
@@ -102,7 +103,7 @@ def peers(weights: str, threads: int, out: Console) -> Iterator[dict[str, Callab
     cv2.setNumThreads(threads)
     left, right = pair()
     tensors = tuple(
-        torch.from_numpy((image / 255 - network.MEAN) / network.STD).permute(2, 0, 1)[None].float().contiguous()
+        torch.from_numpy((image / 255 - MEAN) / STD).permute(2, 0, 1)[None].float().contiguous()
         for image in (left, right)
     )
     calls: dict[str, Callable[[], object]] = {}

@@ -1,9 +1,18 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import pytest
+
+import anynet_ext
+
+try:
+    from anynet_ext import _kernels  # noqa: F401
+except ImportError:  # a wheel for all versions of Python: no instruction set can be tested apart from the operators
+    sys.modules["anynet_ext._kernels"] = anynet_ext._kernels = SimpleNamespace(Isa=SimpleNamespace(__members__={}))
 
 
 @pytest.fixture(scope="session", autouse=True)

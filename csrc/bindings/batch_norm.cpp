@@ -33,11 +33,12 @@ void bind(pybind11::module_& m) {
   });
 }
 
-}  // namespace
-
 void bind_batch_norm(pybind11::module_& m) {
   bind<float>(m);
   bind<double>(m);
 }
 
+const Binding binding(bind_batch_norm);
+
+}  // namespace
 }  // namespace anynet::bindings

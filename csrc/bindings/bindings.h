@@ -5,7 +5,9 @@
 
 #include <stdexcept>
 #include <string>
+#include <vector>
 
+#include "../kernels/common/affine_relu.h"
 #include "../kernels/common/isa.h"
 #include "../kernels/common/tensor.h"
 
@@ -28,6 +30,15 @@ namespace anynet::bindings {
 template <class T>
 using Array = pybind11::array_t<T>;
 
+/// A contiguous array; others are copied.
+template <class T>
+using Contiguous = pybind11::array_t<T, pybind11::array::c_style>;
+
+/// scale, shift [C] as an epilogue.
+inline AffineRelu<float> affine_relu(const Contiguous<float>& scale, const Contiguous<float>& shift) {
+  return {scale.data(), shift.data(), scale.size()};
+}
+
 /// A NumPy array as a kernel's view. The array's strides must be whole elements.
 template <class T, int Rank = 4>
 View<const T, Rank> view(const Array<T>& array) {
@@ -44,18 +55,22 @@ View<const T, Rank> view(const Array<T>& array) {
   return v;
 }
 
-/// An uninitialised contiguous array of the shape of `like`.
+/// An uninitialized contiguous array of the shape of `like`.
 template <class T>
 Array<T> empty_like(const Array<T>& like) {
   return Array<T>(std::vector<pybind11::ssize_t>(like.shape(), like.shape() + like.ndim()));
 }
 
-void bind_batch_norm(pybind11::module_& m);
-void bind_conv(pybind11::module_& m);
-void bind_cost_volume(pybind11::module_& m);
-void bind_soft_argmin(pybind11::module_& m);
-void bind_spatial_propagation(pybind11::module_& m);
-void bind_warp(pybind11::module_& m);
+/// What a file adds to the module: `const Binding binding(bind);` in an unnamed namespace at its end.
+class Binding {
+ public:
+  using Function = void (*)(pybind11::module_&);
+  explicit Binding(Function bind) { all().push_back(bind); }
+  static std::vector<Function>& all() {
+    static std::vector<Function> functions;
+    return functions;
+  }
+};
 
 /// Calls bind(m, T{}) for every element type.
 template <class Bind>

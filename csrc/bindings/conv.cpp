@@ -57,11 +57,12 @@ void bind(pybind11::module_& m) {
   });
 }
 
-}  // namespace
-
 void bind_conv(pybind11::module_& m) {
   bind<float>(m);
   bind<double>(m);
 }
 
+const Binding binding(bind_conv);
+
+}  // namespace
 }  // namespace anynet::bindings

@@ -7,6 +7,7 @@
 #include "bindings.h"
 
 namespace anynet::bindings {
+namespace {
 
 void bind_cost_volume(pybind11::module_& module) {
   for_each_type(module, [](pybind11::module_& m, auto type) {
@@ -39,6 +40,25 @@ void bind_cost_volume(pybind11::module_& module) {
       return pybind11::make_tuple(grad_left, grad_right, grad_disparity);
     });
   });
+  module.def("cost_volume_affine_relu",
+             [](Isa isa, const Contiguous<float>& left, const Contiguous<float>& right,
+                const std::optional<Contiguous<float>>& disparity, int64_t first, int64_t last,
+                const Contiguous<float>& scale, const Contiguous<float>& shift, int threads) {
+               const int64_t count = last - first + 1;
+               Contiguous<float> out({left.shape(0), count, left.shape(2), left.shape(3)});
+               const CostVolume<float> args{view<float>(left),
+                                            view<float>(right),
+                                            disparity ? view<float>(*disparity) : View4<const float>{},
+                                            first,
+                                            count,
+                                            out.mutable_data(),
+                                            affine_relu(scale, shift)};
+               anynet::cost_volume(isa, args, threads);
+               return out;
+             });
 }
 
+const Binding binding(bind_cost_volume);
+
+}  // namespace
 }  // namespace anynet::bindings

@@ -13,10 +13,5 @@ PYBIND11_MODULE(_kernels, m) {
       .value("avx512", anynet::Isa::avx512);
   m.def("isa_available", &anynet::isa_available);
   m.def("chosen_isa", &anynet::chosen_isa);
-  anynet::bindings::bind_batch_norm(m);
-  anynet::bindings::bind_conv(m);
-  anynet::bindings::bind_cost_volume(m);
-  anynet::bindings::bind_soft_argmin(m);
-  anynet::bindings::bind_spatial_propagation(m);
-  anynet::bindings::bind_warp(m);
+  for (const auto bind : anynet::bindings::Binding::all()) bind(m);
 }

@@ -3,6 +3,7 @@
 #include "bindings.h"
 
 namespace anynet::bindings {
+namespace {
 
 void bind_soft_argmin(pybind11::module_& module) {
   for_each_type(module, [](pybind11::module_& m, auto type) {
@@ -22,4 +23,7 @@ void bind_soft_argmin(pybind11::module_& module) {
   });
 }
 
+const Binding binding(bind_soft_argmin);
+
+}  // namespace
 }  // namespace anynet::bindings

@@ -3,6 +3,7 @@
 #include "bindings.h"
 
 namespace anynet::bindings {
+namespace {
 
 void bind_spatial_propagation(pybind11::module_& module) {
   for_each_type(module, [](pybind11::module_& m, auto type) {
@@ -27,6 +28,17 @@ void bind_spatial_propagation(pybind11::module_& module) {
       return pybind11::make_tuple(grad_input, grad_gates);
     });
   });
+  module.def("normalized_propagation",
+             [](Isa isa, const Contiguous<float>& input, const Contiguous<float>& gates, int direction, int threads) {
+               Contiguous<float> out = empty_like<float>(input);
+               const SpatialPropagation<float> args{view<float>(input), view<float, 5>(gates), direction,
+                                                    out.mutable_data(), true};
+               anynet::spatial_propagation(isa, args, threads);
+               return out;
+             });
 }
 
+const Binding binding(bind_spatial_propagation);
+
+}  // namespace
 }  // namespace anynet::bindings

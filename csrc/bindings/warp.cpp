@@ -3,6 +3,7 @@
 #include "bindings.h"
 
 namespace anynet::bindings {
+namespace {
 
 void bind_warp(pybind11::module_& module) {
   for_each_type(module, [](pybind11::module_& m, auto type) {
@@ -24,4 +25,7 @@ void bind_warp(pybind11::module_& module) {
   });
 }
 
+const Binding binding(bind_warp);
+
+}  // namespace
 }  // namespace anynet::bindings

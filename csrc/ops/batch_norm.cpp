@@ -1,11 +1,18 @@
-#include "batch_norm.h"
+#include "../kernels/batch_norm/batch_norm.h"
 
 #include <tuple>
 
-#include "../kernels/batch_norm/batch_norm.h"
+#include "tensor.h"
 
 namespace anynet::ops {
 namespace {
+
+void check_batch_norm(const char* op, const Tensor& input, const Tensor& weight, const Tensor& bias) {
+  ANYNET_CHECK(input.dim() >= 2 && input.size(1) > 0 && input.numel() / input.size(1) > 1, op,
+               ": expected input of shape [N, C, ...] with more than one value per channel, got ", shape(input));
+  check_tensor(op, "weight", weight, {input.size(1)}, input);
+  check_tensor(op, "bias", bias, {input.size(1)}, input);
+}
 
 using torch::stable::contiguous;
 
@@ -68,12 +75,11 @@ std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, 
 }  // namespace
 
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
-  m.def("batch_norm_relu(Tensor input, Tensor weight, Tensor bias, float eps) -> (Tensor, Tensor, Tensor)",
-        {at::Tag::pt2_compliant_tag});
-  m.def(
+  ANYNET_SCHEMA(m, "batch_norm_relu(Tensor input, Tensor weight, Tensor bias, float eps) -> (Tensor, Tensor, Tensor)");
+  ANYNET_SCHEMA(
+      m,
       "batch_norm_relu_backward(Tensor grad, Tensor input, Tensor weight, Tensor bias, Tensor mean, Tensor variance, "
-      "float eps) -> (Tensor, Tensor, Tensor)",
-      {at::Tag::pt2_compliant_tag});
+      "float eps) -> (Tensor, Tensor, Tensor)");
 }
 
 STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {

@@ -1,9 +1,22 @@
-#include "soft_argmin.h"
-
 #include "../kernels/soft_argmin/soft_argmin.h"
+
 #include "backend.h"
 
 namespace anynet::ops {
+
+namespace {
+
+void check_soft_argmin(const Tensor& cost) {
+  ANYNET_CHECK(cost.dim() == 4 && cost.size(1) > 0,
+               "soft_argmin: expected cost of shape [N, D, H, W] with D >= 1, got ", shape(cost));
+}
+
+void check_soft_argmin_backward(const Tensor& grad, const Tensor& cost) {
+  check_soft_argmin(cost);
+  check_tensor("soft_argmin_backward", "grad", grad, {cost.size(0), 1, cost.size(2), cost.size(3)}, cost);
+}
+
+}  // namespace
 
 Tensor soft_argmin(const Tensor& cost, int64_t first) {
   check_soft_argmin(cost);
@@ -29,8 +42,8 @@ Tensor soft_argmin_backward(const Tensor& grad, const Tensor& cost, int64_t firs
 
 #ifdef ANYNET_DEFINE_SCHEMAS
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
-  m.def("soft_argmin(Tensor cost, int first) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("soft_argmin_backward(Tensor grad, Tensor cost, int first) -> Tensor", {at::Tag::pt2_compliant_tag});
+  ANYNET_SCHEMA(m, "soft_argmin(Tensor cost, int first) -> Tensor");
+  ANYNET_SCHEMA(m, "soft_argmin_backward(Tensor grad, Tensor cost, int first) -> Tensor");
 }
 #endif
 

@@ -1,6 +1,6 @@
 #include "../kernels/stem/stem.h"
 
-#include "inference.h"
+#include "tensor.h"
 
 namespace anynet::ops {
 
@@ -12,7 +12,8 @@ Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const T
   ANYNET_CHECK(right.size(0) == left.size(0) && right.size(1) == left.size(1),
                "stem: expected images of one size, got ", shape(left), " and ", shape(right));
   ANYNET_CHECK(input_scale == 1 || input_scale == 2, "stem: expected input_scale 1 or 2, got ", input_scale);
-  ANYNET_CHECK(multiple > 0 && multiple % 4 == 0, "stem: expected a multiple of 4, got ", multiple);
+  ANYNET_CHECK(multiple > 0 && multiple % 4 == 0 && multiple <= 65536,
+               "stem: expected multiple to be a multiple of 4, at most 65536, got ", multiple);
   const int64_t channels = bias_first.numel();
   check_contiguous("stem", "mean", mean, 1);
   check_contiguous("stem", "weight_first", weight_first, 4);
@@ -21,7 +22,7 @@ Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const T
   check_tensor("stem", "mean", mean, {3}, mean);
   check_tensor("stem", "weight_first", weight_first, {channels, 3, 3, 3}, mean);
   check_tensor("stem", "weight_second", weight_second, {channels, channels, 3, 3}, mean);
-  check_affine("stem", scale, shift, channels, mean);
+  const AffineRelu<float> epilogue = affine_relu("stem", scale, shift, channels, mean);
   const auto padded = [&](int64_t size) { return (size + multiple - 1) / multiple * multiple; };
   const int64_t height = padded(input_scale * left.size(0)), width = padded(input_scale * left.size(1));
   Tensor out = empty_like(mean, {2, channels, height / 4, width / 4});
@@ -36,18 +37,17 @@ Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const T
                          data<float>(weight_first),
                          data<float>(bias_first),
                          data<float>(weight_second),
-                         data<float>(scale),
-                         data<float>(shift),
+                         epilogue,
                          data<float>(out)};
   anynet::stem(chosen_isa(), args, num_threads());
   return out;
 }
 
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
-  m.def(
+  ANYNET_SCHEMA(
+      m,
       "stem(Tensor left, Tensor right, Tensor mean, Tensor weight_first, Tensor bias_first, Tensor weight_second, "
-      "Tensor scale, Tensor shift, int input_scale, int multiple) -> Tensor",
-      {at::Tag::pt2_compliant_tag});
+      "Tensor scale, Tensor shift, int input_scale, int multiple) -> Tensor");
 }
 
 STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) { m.impl("stem", TORCH_BOX(&stem)); }

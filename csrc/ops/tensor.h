@@ -11,6 +11,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "../kernels/common/affine_relu.h"
 #include "../kernels/common/tensor.h"
 
 namespace anynet::ops {
@@ -34,6 +35,10 @@ template <class... Parts>
   throw std::runtime_error(s.str());
 }
 
+/// Defines an operator; ANYNET_SCHEMA(m, "warp(Tensor image, Tensor disparity) -> Tensor"). Tags (pt2_compliant_tag)
+/// want torch 2.12, and matter only to those who set torch._dynamo.config.only_allow_pt2_compliant_ops.
+#define ANYNET_SCHEMA(m, schema) m.def(schema)
+
 /// ANYNET_CHECK(condition, "warp: image must be ..., got ", shape(image))
 #define ANYNET_CHECK(condition, ...) \
   if (!(condition)) ::anynet::ops::fail(__VA_ARGS__)
@@ -55,9 +60,31 @@ inline void check_tensor(const char* op, const char* name, const Tensor& t, std:
   ANYNET_CHECK(t.device() == first.device(), op, ": expected all tensors on one device, but ", name, " is on another");
 }
 
+/// Checks that `t` is a tensor as the deployed network's operators take it.
+inline void check_contiguous(const char* op, const char* name, const Tensor& t, int64_t dim) {
+  ANYNET_CHECK(t.dim() == dim && t.scalar_type() == ScalarType::Float && t.is_contiguous(), op, ": expected ", name,
+               " as contiguous float32 tensor of ", dim, " dimensions, got ", shape(t));
+}
+
+inline void check_image(const char* op, const Tensor& image) {
+  ANYNET_CHECK(image.dim() == 3 && image.size(0) > 0 && image.size(1) > 0 && image.size(2) == 3 &&
+                   image.scalar_type() == ScalarType::Byte && image.is_contiguous(),
+               op, ": expected a contiguous uint8 image of shape [H, W, 3], got ", shape(image));
+}
+
+constexpr int64_t max_size = int64_t{1} << 30;  // of a dimension whose indices kernels keep in 32 bits
+
+/// Checks a size that was asked for, in pixels.
+inline void check_size(const char* op, int64_t height, int64_t width) {
+  ANYNET_CHECK(height > 0 && width > 0 && height <= max_size && width <= max_size, op,
+               ": expected a size of at least one pixel and at most 2^30 along each side, got ", height, " x ", width);
+}
+
 /// A 4-D (or Rank-D) strided view of `t`; the caller has checked dim and dtype.
 template <class T, int Rank = 4>
 View<const T, Rank> view(const Tensor& t) {
+  // Expanded tensors can have more elements than any memory, and arithmetic on their sizes would overflow.
+  ANYNET_CHECK(t.numel() <= int64_t{1} << 48, "expected a tensor of at most 2^48 elements, got ", shape(t));
   View<const T, Rank> v;
   v.data = static_cast<const T*>(t.const_data_ptr());
   for (int i = 0; i < Rank; ++i) {
@@ -67,7 +94,7 @@ View<const T, Rank> view(const Tensor& t) {
   return v;
 }
 
-/// An uninitialised contiguous tensor of the dtype and device of `like`.
+/// An uninitialized contiguous tensor of the dtype and device of `like`.
 inline Tensor empty_like(const Tensor& like, std::initializer_list<int64_t> sizes) {
   return torch::stable::new_empty(like, torch::headeronly::IntHeaderOnlyArrayRef(sizes));
 }
@@ -80,7 +107,23 @@ T* data(const Tensor& t) {
   return static_cast<T*>(t.mutable_data_ptr());
 }
 
-inline int num_threads() { return static_cast<int>(torch::stable::get_num_threads()); }
+template <class T>
+const T* const_data(const Tensor& t) {
+  return static_cast<const T*>(t.const_data_ptr());
+}
+
+/// How many threads a kernel may use: PyTorch's, but one in a process that was forked, where OpenMP's do not exist.
+int num_threads();
+
+/// scale, shift [channels] as an epilogue.
+inline AffineRelu<float> affine_relu(const char* op, const Tensor& scale, const Tensor& shift, int64_t channels,
+                                     const Tensor& first) {
+  check_contiguous(op, "scale", scale, 1);
+  check_contiguous(op, "shift", shift, 1);
+  check_tensor(op, "scale", scale, {channels}, first);
+  check_tensor(op, "shift", shift, {channels}, first);
+  return {const_data<float>(scale), const_data<float>(shift), channels};
+}
 
 /// Calls body(T{}) where only float and double will do: half types are autocast's job.
 template <class Body>

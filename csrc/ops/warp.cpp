@@ -1,11 +1,25 @@
-#include "warp.h"
+#include "../kernels/warp/warp.h"
 
 #include <tuple>
 
-#include "../kernels/warp/warp.h"
 #include "backend.h"
 
 namespace anynet::ops {
+
+namespace {
+
+void check_warp(const Tensor& image, const Tensor& disparity) {
+  ANYNET_CHECK(image.dim() == 4, "warp: expected image of shape [N, C, H, W], got ", shape(image));
+  check_tensor("warp", "disparity", disparity, {image.size(0), 1, image.size(2), image.size(3)}, image);
+  ANYNET_CHECK(image.size(3) < max_size, "warp: expected less than 2^30 columns, got image ", shape(image));
+}
+
+void check_warp_backward(const Tensor& grad, const Tensor& image, const Tensor& disparity) {
+  check_warp(image, disparity);
+  check_tensor("warp_backward", "grad", grad, {image.size(0), image.size(1), image.size(2), image.size(3)}, image);
+}
+
+}  // namespace
 
 Tensor warp(const Tensor& image, const Tensor& disparity) {
   check_warp(image, disparity);
@@ -32,8 +46,8 @@ std::tuple<Tensor, Tensor> warp_backward(const Tensor& grad, const Tensor& image
 
 #ifdef ANYNET_DEFINE_SCHEMAS
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
-  m.def("warp(Tensor image, Tensor disparity) -> Tensor", {at::Tag::pt2_compliant_tag});
-  m.def("warp_backward(Tensor grad, Tensor image, Tensor disparity) -> (Tensor, Tensor)", {at::Tag::pt2_compliant_tag});
+  ANYNET_SCHEMA(m, "warp(Tensor image, Tensor disparity) -> Tensor");
+  ANYNET_SCHEMA(m, "warp_backward(Tensor grad, Tensor image, Tensor disparity) -> (Tensor, Tensor)");
 }
 #endif
 

@@ -123,6 +123,12 @@ class Predictor:
         Raises:
             AnyNetError: if an argument is not that.
         """
+        with _frames.one():
+            return self._predict(left, right, budget_ms, stage)
+
+    def _predict(
+        self, left: NDArray[np.uint8], right: NDArray[np.uint8], budget_ms: float | None, stage: int | None
+    ) -> Estimate:
         start = perf_counter()
         images = check_images(left, right)
         if stage is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 
-import matplotlib
+import cv2
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
@@ -17,6 +17,22 @@ Limits = tuple[float, float]
 UNKNOWN = (128, 128, 128)  # gray: no color of the maps below
 _BACKGROUND = (255, 255, 255)
 _INK = (0, 0, 0)
+# ColorBrewer's diverging scale of eleven colors.
+_BLUE_TO_RED = np.array(
+    [
+        (49, 54, 149),
+        (69, 117, 180),
+        (116, 173, 209),
+        (171, 217, 233),
+        (224, 243, 248),
+        (255, 255, 191),
+        (254, 224, 144),
+        (253, 174, 97),
+        (244, 109, 67),
+        (215, 48, 39),
+        (165, 0, 38),
+    ]
+)
 _WORST = 6.0  # pixels of error where the scale ends; its middle is D1's and bad-3's threshold
 
 
@@ -30,7 +46,7 @@ def limits_of(values: Map) -> Limits:
 
 
 def colorize(values: Map, limits: Limits, colormap: str = "turbo") -> RGBImage:
-    """Values [H, W] as colors of a matplotlib color map, its ends at `limits`; gray where not finite."""
+    """Values [H, W] as colors of a color map ("turbo", "blue-red"), its ends at `limits`; gray where not finite."""
     low, high = limits
     known = np.isfinite(values)
     levels = np.where(known, (values - low) * (255 / (high - low)), 0).clip(0, 255).astype(np.uint8)
@@ -49,7 +65,7 @@ def error_image(disparity: Map, truth: Map) -> RGBImage:
     """|disparity - truth| in colors (blue: right, red: 6 px or more off; gray: no ground truth), with its color bar."""
     limits = (0.0, _WORST)
     errors = np.abs(disparity - truth)
-    return np.hstack([colorize(errors, limits, "RdYlBu_r"), colorbar(len(errors), limits, "px off", "RdYlBu_r")])
+    return np.hstack([colorize(errors, limits, "blue-red"), colorbar(len(errors), limits, "px off", "blue-red")])
 
 
 def colorbar(height: int, limits: Limits, unit: str, colormap: str) -> RGBImage:
@@ -108,5 +124,8 @@ def stages_image(left: RGBImage, stages: Sequence[tuple[str, Map]], truth: Map |
 @cache
 def _table(colormap: str) -> npt.NDArray[np.uint8]:
     """The color map's 256 colors, [256, 3]."""
-    colors: npt.NDArray[np.float64] = matplotlib.colormaps[colormap](np.arange(256))
-    return np.round(255 * colors[:, :3]).astype(np.uint8)
+    levels = np.arange(256, dtype=np.uint8)
+    if colormap == "turbo":
+        return np.ascontiguousarray(cv2.applyColorMap(levels[None], cv2.COLORMAP_TURBO)[0, :, ::-1], np.uint8)
+    places = np.linspace(0, 255, len(_BLUE_TO_RED))
+    return np.stack([np.interp(levels, places, channel).round() for channel in _BLUE_TO_RED.T], -1).astype(np.uint8)

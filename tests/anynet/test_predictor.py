@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 import os
+import pickle
 import resource
 import signal
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -227,6 +230,46 @@ def test_a_forked_child_computes(predictor: Predictor) -> None:
         same = np.allclose(predictor.predict(*images).disparity, expected, atol=1e-3)
         os._exit(0 if same else 1)
     assert os.waitpid(child, 0)[1] == 0
+
+
+def run_python(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_frames_reuse_the_memory_of_those_before() -> None:
+    """Page faults of one frame: as many as its volumes have pages, where freed memory goes back to the system."""
+    code = """
+import resource, numpy, anynet
+predictor, image = anynet.Predictor(), numpy.zeros((368, 1232, 3), numpy.uint8)
+for _ in range(3): predictor.predict(image, image)
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(5): predictor.predict(image, image)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 500  # of five frames; 9,000 without
+
+
+def test_the_interpreter_may_exit_while_daemon_threads_compute() -> None:
+    code = """
+import threading, time, numpy, anynet
+predictor, image = anynet.Predictor(), numpy.zeros((200, 400, 3), numpy.uint8)
+def work():
+    while True: predictor.predict(image, image)
+for _ in range(3): threading.Thread(target=work, daemon=True).start()
+time.sleep(0.5)
+"""
+    for _ in range(3):
+        done = run_python(code)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_predictor_can_be_pickled(predictor: Predictor) -> None:
+    images = pair(32, 48)
+    copy = pickle.loads(pickle.dumps(predictor))
+    np.testing.assert_array_equal(copy.predict(*images).disparity, predictor.predict(*images).disparity)
 
 
 @pytest.mark.slow

@@ -5,8 +5,11 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <type_traits>
 #include <vector>
 
+#include "../../csrc/kernels/common/affine_relu.h"
+#include "../../csrc/kernels/common/half.h"
 #include "../../csrc/kernels/common/isa.h"
 #include "../../csrc/kernels/common/tensor.h"
 
@@ -28,17 +31,8 @@ template <class T>
 double to_double(T a) {
   return static_cast<double>(a);
 }
-inline double to_double(anynet::float16 a) {
-  _Float16 f;
-  __builtin_memcpy(&f, &a, sizeof(f));
-  return static_cast<double>(f);
-}
-inline double to_double(anynet::bfloat16 a) {
-  const uint32_t bits = static_cast<uint32_t>(a.bits) << 16;
-  float f;
-  __builtin_memcpy(&f, &bits, sizeof(f));
-  return f;
-}
+inline double to_double(anynet::float16 a) { return anynet::to_float(a); }
+inline double to_double(anynet::bfloat16 a) { return anynet::to_float(a); }
 
 template <class T>
 T from_double(double a) {
@@ -46,17 +40,11 @@ T from_double(double a) {
 }
 template <>
 inline anynet::float16 from_double<anynet::float16>(double a) {
-  const _Float16 f = static_cast<_Float16>(a);
-  anynet::float16 h;
-  __builtin_memcpy(&h, &f, sizeof(h));
-  return h;
+  return anynet::to_float16(static_cast<float>(a));
 }
 template <>
-inline anynet::bfloat16 from_double<anynet::bfloat16>(double a) {  // cut off: any value will do as input
-  const float f = static_cast<float>(a);
-  uint32_t bits;
-  __builtin_memcpy(&bits, &f, sizeof(bits));
-  return {static_cast<uint16_t>(bits >> 16)};
+inline anynet::bfloat16 from_double<anynet::bfloat16>(double a) {
+  return anynet::to_bfloat16(static_cast<float>(a));
 }
 
 /// The largest relative error (absolute below 1) that a result of type T may have.
@@ -126,6 +114,53 @@ void for_each_variant(const Test& test) {
       test(isa, anynet::bfloat16{}, threads);
     }
   }
+}
+
+/// The same for kernels of float alone: test(isa, threads).
+template <class Test>
+void for_each_isa(const Test& test) {
+  for_each_variant([&](anynet::Isa isa, auto type, int threads) {
+    if constexpr (std::is_same_v<decltype(type), float>) test(isa, threads);
+  });
+}
+
+/// Random scales and shifts of so many channels.
+struct Affine {
+  Array<float, 1> scale, shift;
+
+  template <class Make>
+  Affine(int64_t channels, Make& make)
+      : scale({channels}, [&] { return make(); }), shift({channels}, [&] { return make(); }) {}
+
+  anynet::AffineRelu<float> epilogue() const { return {scale.view.data, shift.view.data, scale.view.size[0]}; }
+  double operator()(int64_t channel, double value) const {
+    return std::fmax(0, scale.at(channel) * value + shift.at(channel));
+  }
+};
+
+/// Between element i and i + 1 of an axis of `size`: position p, clamped to the axis.
+struct Linear {
+  int64_t low, high;
+  double fraction;
+  Linear(double p, int64_t size) {
+    p = std::fmin(std::fmax(p, 0), static_cast<double>(size - 1));
+    low = static_cast<int64_t>(p);
+    high = low + 1 < size ? low + 1 : low;
+    fraction = p - static_cast<double>(low);
+  }
+};
+/// Where element i of an axis of `out` lies on one of `in`, PyTorch's align_corners=False or True.
+inline Linear half_pixel(int64_t i, double ratio, int64_t in) {
+  return {(static_cast<double>(i) + 0.5) / ratio - 0.5, in};
+}
+inline Linear corner(int64_t i, int64_t out, int64_t in) {
+  return {out > 1 ? static_cast<double>(i) * static_cast<double>(in - 1) / static_cast<double>(out - 1) : 0, in};
+}
+template <class Read>
+double bilinear(const Read& read, const Linear& y, const Linear& x) {
+  const double upper = (1 - x.fraction) * read(y.low, x.low) + x.fraction * read(y.low, x.high);
+  const double lower = (1 - x.fraction) * read(y.high, x.low) + x.fraction * read(y.high, x.high);
+  return (1 - y.fraction) * upper + y.fraction * lower;
 }
 
 /// right[i] with zeros outside, between columns by linear interpolation.

@@ -43,6 +43,16 @@ void test(Isa isa, int threads, int64_t N, int64_t C, int64_t H, int64_t W, int6
   std::vector<T> got_disparity(grad_disparity.size());
   cost_volume(isa, CostVolume<T>{left.view, right.view, map, first, K, out.data()}, threads);
   check::near("cost_volume", out, expected);
+  if constexpr (std::is_same_v<T, float>) {  // the deployed network's: through an affine and ReLU, by sample
+    const check::Affine affine(N > 0 ? N : 1, random);
+    std::vector<double> activated(expected.size());
+    for (size_t i = 0; i < expected.size(); ++i) {
+      activated[i] = affine(static_cast<int64_t>(i) / (K * H * W), expected[i]);
+    }
+    std::vector<T> fused(expected.size());
+    cost_volume(isa, CostVolume<T>{left.view, right.view, map, first, K, fused.data(), affine.epilogue()}, threads);
+    check::near("cost_volume, affine, ReLU", fused, activated);
+  }
   cost_volume_backward(isa,
                        CostVolumeBackward<T>{grad.view, left.view, right.view, map, first, K, got_left.data(),
                                              got_right.data(), around ? got_disparity.data() : nullptr},

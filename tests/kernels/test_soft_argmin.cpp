@@ -35,6 +35,24 @@ void test(Isa isa, int threads, int64_t N, int64_t D, int64_t H, int64_t W, int6
   check::near("soft_argmin_backward", grad_cost, expected_grad);
 }
 
+/// NaN and infinite costs: their pixel alone is undefined, and nothing overflows (UBSan).
+template <class T>
+void test_special(Isa isa, int threads) {
+  check::Random random;
+  check::Array<T> cost({1, 4, 3, 37}, random), grad({1, 1, 3, 37}, random);
+  std::vector<T> before(3 * 37), after(3 * 37), grad_cost(4 * 3 * 37);
+  soft_argmin(isa, SoftArgmin<T>{cost.view, INT64_MIN / 2, before.data()}, threads);
+  soft_argmin(isa, SoftArgmin<T>{cost.view, 0, before.data()}, threads);
+  for (double special : {double{NAN}, double{INFINITY}, -double{INFINITY}}) {
+    cost.values[3 * 37 + 5] = check::from_double<T>(special);
+    soft_argmin(isa, SoftArgmin<T>{cost.view, 0, after.data()}, threads);
+    soft_argmin_backward(isa, SoftArgminBackward<T>{grad.view, cost.view, 0, grad_cost.data()}, threads);
+    for (int64_t i = 0; i < 3 * 37; ++i) {
+      if (i != 5) check::near("soft_argmin beside a special cost", after[i], check::to_double(before[i]), i);
+    }
+  }
+}
+
 int main() {
   check::for_each_variant([](Isa isa, auto type, int threads) {
     using T = decltype(type);
@@ -44,5 +62,6 @@ int main() {
     test<T>(isa, threads, 1, 48, 60, 130, 0, 1);
     test<T>(isa, threads, 0, 3, 2, 5, 0, 1);
     test<T>(isa, threads, 1, 3, 2, 0, 0, 1);
+    test_special<T>(isa, threads);
   });
 }

@@ -55,6 +55,23 @@ void test(Isa isa, int threads, int64_t N, int64_t C, int64_t H, int64_t W, int 
   std::vector<T> out(h.size()), got_input(h.size()), got_gates(grad_gates.size());
   spatial_propagation(isa, SpatialPropagation<T>{input.view, gates.view, direction, out.data()}, threads);
   check::near("spatial_propagation", out, h);
+  if constexpr (std::is_same_v<T, float>) {  // the deployed network's: normalized as it reads them
+    check::Array<T, 5> unscaled = gates, scaled = gates;
+    for (int64_t i = 0; i < N * C * H * W; ++i) {
+      const int64_t first = (i / (C * H * W) * 3 * C * H * W + i % (C * H * W)) * spread, step = C * H * W * spread;
+      double sum = 1e-8;
+      for (int64_t j = 0; j < 3; ++j) sum += std::fabs(gates.values[first + j * step]);
+      for (int64_t j = 0; j < 3; ++j)
+        scaled.values[first + j * step] = static_cast<float>(gates.values[first + j * step] / sum);
+    }
+    unscaled.view.data = unscaled.values.data(), scaled.view.data = scaled.values.data();
+    std::vector<T> normalized(h.size());
+    spatial_propagation(isa, SpatialPropagation<T>{input.view, scaled.view, direction, out.data()}, threads);
+    spatial_propagation(isa, SpatialPropagation<T>{input.view, unscaled.view, direction, normalized.data(), true},
+                        threads);
+    check::near("spatial_propagation, normalized", normalized, std::vector<double>(out.begin(), out.end()));
+    spatial_propagation(isa, SpatialPropagation<T>{input.view, gates.view, direction, out.data()}, threads);
+  }
   View4<const T> out_view{out.data(), {N, C, H, W}, {C * H * W, H * W, W, 1}};
   spatial_propagation_backward(isa,
                                SpatialPropagationBackward<T>{grad.view, input.view, gates.view, out_view, direction,

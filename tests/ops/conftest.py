@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import shutil
 import subprocess
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import pytest
 import torch
+from operator_cases import FAR
 from torch import Tensor
 
 import anynet_ext  # noqa: F401  (registers the operators)
@@ -103,6 +105,40 @@ def ops(request: pytest.FixtureRequest) -> Ops:
     if request.param.device == "cuda" and not torch.cuda.is_available():
         pytest.skip("needs a GPU and the CUDA build of torch")
     return request.param
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """The values of a test's parameter `case` are its class's `cases`, and so on for every such pair of names."""
+    for name in metafunc.fixturenames:
+        values = getattr(metafunc.cls, f"{name}s", None)
+        if isinstance(values, dict):
+            metafunc.parametrize(name, values.values(), ids=values.keys())
+        elif isinstance(values, list):  # of cases, or of wrong calls with their message
+            ids = [value[-1] if isinstance(value, tuple) else repr(value) for value in values]
+            metafunc.parametrize(name, values, ids=ids)
+
+
+@pytest.fixture
+def threads():
+    before = torch.get_num_threads()
+    yield torch.set_num_threads
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="module")
+def memory() -> Tensor:
+    """Virtual memory of 3 * FAR bfloat16 elements; pages that nobody touches cost nothing."""
+    buffer = mmap.mmap(-1, 3 * FAR * 2, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | getattr(mmap, "MAP_NORESERVE", 0))
+    return torch.frombuffer(buffer, dtype=torch.bfloat16)
+
+
+@pytest.fixture
+def uniform(ops):
+    def make(seed: int, *shape: int, scale: float = 1.0) -> Tensor:
+        generator = torch.Generator().manual_seed(seed)
+        return (scale * torch.randn(shape, generator=generator, dtype=torch.float64)).to(ops.device)
+
+    return make
 
 
 @pytest.fixture(autouse=True)

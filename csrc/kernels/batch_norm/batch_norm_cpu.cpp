@@ -32,7 +32,7 @@ struct Pieces {
     return (n * channels + channel(i)) * pixels + part * size;
   }
   int64_t length(int64_t i) const { return std::min(size, pixels - i % per_plane * size); }
-  int threads(int available) const { return useful_threads(count() * std::min(size, pixels) * 4, available); }
+  int threads(int available) const { return useful_threads(available, count(), std::min(size, pixels), 4); }
 };
 
 /// The first `count` elements from p on, or of v, and zeros. In full vectors the compiler knows `count`.
@@ -129,7 +129,7 @@ void batch_norm_relu(const BatchNormRelu<T>& a, int available) {
     const Norm<T> norm(a, pieces.channel(i));
     const int64_t begin = pieces.begin(i);
     for_each_vector<T>(pieces.length(i), [&](int64_t at, int64_t count) {
-      const vec<T> value = larger<T>(vec<T>{}, norm(first(count, a.input + begin + at)));  // keeps NaN
+      const vec<T> value = max<T>(vec<T>{}, norm(first(count, a.input + begin + at)));  // keeps NaN
       std::memcpy(a.out + begin + at, &value, count * sizeof(T));
     });
   });

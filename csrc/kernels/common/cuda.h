@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "half.h"
 #include "isa.h"
 #include "tensor.h"
 
@@ -27,7 +28,7 @@ ANYNET_DEVICE float to_accumulator(float16 a) {
   asm("cvt.f32.f16 %0, %1;" : "=f"(f) : "h"(a.bits));
   return f;
 #else
-  return emulator::half_to_float(a.bits);
+  return to_float(a);
 #endif
 }
 
@@ -49,7 +50,7 @@ ANYNET_DEVICE float16 from_accumulator<float16>(float a) {
   asm("cvt.rn.f16.f32 %0, %1;" : "=h"(h.bits) : "f"(a));
   return h;
 #else
-  return float16{emulator::float_to_half(a)};
+  return to_float16(a);
 #endif
 }
 

@@ -12,6 +12,7 @@ constexpr double inverse_factorial(int n) { return n == 0 ? 1.0 : inverse_factor
 
 template <>
 struct ExpConstants<float> {
+  typedef uint32_t bits __attribute__((vector_size(vector_bytes)));
   // ln 2 = ln2_high + ln2_low, and n * ln2_high is exact for every exponent n.
   static constexpr float ln2_high = 0x1.62e4p-1f, ln2_low = 0x1.7f7d1cp-20f;
   static constexpr float rounder = 0x1.8p23f;  // adding it leaves an integer in the low bits
@@ -23,6 +24,7 @@ struct ExpConstants<float> {
 };
 template <>
 struct ExpConstants<double> {
+  typedef uint64_t bits __attribute__((vector_size(vector_bytes)));
   static constexpr double ln2_high = 0x1.62e42fep-1, ln2_low = 0x1.f473de6af278fp-30;
   static constexpr double rounder = 0x1.8p52;
   static constexpr double lowest = -708.0;
@@ -55,7 +57,6 @@ ANYNET_INLINE vec<A> not_below_lowest(vec<A> x) {
 /// sum * 2^n where x is not below `lowest`, else 0; NaN where x is NaN. `shifted` holds n in its low bits.
 template <class A>
 ANYNET_INLINE vec<A> scaled(vec<A> sum, [[maybe_unused]] vec<A> n, vec<A> shifted, vec<A> x) {
-  using mask = typename Simd<A>::mask;
 #if defined(__AVX512F__)
   if constexpr (sizeof(A) == 4) {
     const __mmask16 on =
@@ -64,8 +65,11 @@ ANYNET_INLINE vec<A> scaled(vec<A> sum, [[maybe_unused]] vec<A> n, vec<A> shifte
         _mm512_maskz_scalef_ps(on, reinterpret_cast<__m512>(sum), reinterpret_cast<__m512>(n)));
   }
 #endif
-  const mask bits = reinterpret_cast<mask>(sum) + (reinterpret_cast<mask>(shifted) << ExpConstants<A>::mantissa_bits);
-  return x < ExpConstants<A>::lowest ? vec<A>{} : x == x ? reinterpret_cast<vec<A>>(bits) : x;
+  // Unsigned: where x is NaN, so is `shifted`, and any bits may overflow.
+  using bits = typename ExpConstants<A>::bits;
+  const bits product =
+      reinterpret_cast<bits>(sum) + (reinterpret_cast<bits>(shifted) << ExpConstants<A>::mantissa_bits);
+  return x < ExpConstants<A>::lowest ? vec<A>{} : x == x ? reinterpret_cast<vec<A>>(product) : x;
 }
 
 /// e^x for x <= 0, within 2 units in the last place; 0 below `lowest` (-87 or -708), NaN for NaN.

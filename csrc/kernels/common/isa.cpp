@@ -45,8 +45,7 @@ bool isa_available(Isa isa) {
     ANYNET_IF_AVX512(case Isa::avx512 : return __builtin_cpu_supports("avx512f") &&
                          __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512dq") &&
                          __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("fma");)
-    ANYNET_IF_AVX2(case Isa::avx2 : return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
-                       __builtin_cpu_supports("f16c");)
+    ANYNET_IF_AVX2(case Isa::avx2 : return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");)
     case Isa::baseline:
       return true;
     default:

@@ -2,6 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <new>
+
+#include "memory.h"
 
 #ifdef ANYNET_STD_THREADS
 #include <thread>
@@ -12,7 +15,7 @@ namespace anynet::ANYNET_ISA {
 
 /// Calls body(begin, end) with the parts of [0, count) that up to `threads` threads share. A kernel must compute each
 /// index in the same way whichever part it falls into, so that results do not depend on the number of threads.
-/// `body` must not throw.
+/// `body` may throw std::bad_alloc, and nothing else.
 template <class Body>
 void parallel_ranges(int64_t count, int threads, const Body& body) {
   if (threads > count) threads = static_cast<int>(count);
@@ -20,16 +23,23 @@ void parallel_ranges(int64_t count, int threads, const Body& body) {
     if (count > 0) body(int64_t{0}, count);
     return;
   }
+  bool failed = false;  // an exception may not leave the thread that threw it
+  const auto part = [&](int t) {
+    try {
+      body(count * t / threads, count * (t + 1) / threads);
+    } catch (const std::bad_alloc&) {
+      __atomic_store_n(&failed, true, __ATOMIC_RELAXED);
+    }
+  };
 #ifdef ANYNET_STD_THREADS  // ThreadSanitizer does not understand libgomp's barriers
   std::vector<std::thread> pool;
-  for (int t = 0; t < threads; ++t) {
-    pool.emplace_back([=, &body] { body(count * t / threads, count * (t + 1) / threads); });
-  }
+  for (int t = 0; t < threads; ++t) pool.emplace_back(part, t);
   for (auto& thread : pool) thread.join();
 #else
 #pragma omp parallel for num_threads(threads) schedule(static)
-  for (int t = 0; t < threads; ++t) body(count * t / threads, count * (t + 1) / threads);
+  for (int t = 0; t < threads; ++t) part(t);
 #endif
+  if (failed) throw_out_of_memory();
 }
 
 /// Calls body(i) for i in [0, count), each index wholly on one of up to `threads` threads.
@@ -40,10 +50,11 @@ void parallel_for(int64_t count, int threads, const Body& body) {
   });
 }
 
-/// How many of `threads` threads are worth waking for `work` elementary operations.
-inline int useful_threads(int64_t work, int threads) {
-  constexpr int64_t worth_a_thread = 100000;
-  const int64_t useful = work / worth_a_thread;
+/// How many of `threads` threads are worth waking for so many elementary operations: the product of `work`.
+template <class... Factors>
+int useful_threads(int threads, Factors... work) {
+  constexpr double worth_a_thread = 100000;
+  const double useful = (static_cast<double>(work) * ...) / worth_a_thread;  // no integer could overflow
   return useful < threads ? static_cast<int>(useful) : threads;
 }
 

@@ -32,7 +32,7 @@ class Positions {
     for (int i = 0; i < lanes<A>; ++i) column[i] = i;
     for (int64_t x = 0; x < width_; x += lanes<A>, column += lanes<A>) {
       const vec<A> value = -read_vector<A>(d + x, 1, width_ - x < lanes<A> ? width_ - x : lanes<A>);
-      const auto bounded = [&](vec<A> v) { return larger<A>(smaller<A>(v, large), -large); };  // NaN: `large`
+      const auto bounded = [&](vec<A> v) { return max<A>(min<A>(v, large), -large); };  // NaN: `large`
       const vec<A> p = bounded(value);
       vec<A> whole = __builtin_convertvector(__builtin_convertvector(p, Indices), vec<A>);
       whole -= whole > p ? splat<A>(1) : vec<A>{};
@@ -55,12 +55,12 @@ class Positions {
         low = index[x + i] < low ? index[x + i] : low;
         high = index[x + i] > high ? index[x + i] : high;
       }
-      window[x / lanes<A>] = high - low + neighbours <= 2 * lanes<A> ? low : no_window;
+      window[x / lanes<A>] = high - low + neighbors <= 2 * lanes<A> ? low : no_window;
     }
   }
 
   static constexpr int32_t no_window = INT32_MIN;
-  static constexpr int neighbours = 6;  // elements from each position's on that the same two vectors shall hold
+  static constexpr int neighbors = 6;  // elements from each position's on that the same two vectors shall hold
 
  private:
   const int64_t width_;
@@ -71,7 +71,7 @@ class Positions {
   Scratch<int32_t> window;  // per vector of pixels: its lowest index, if the others are near enough
 };
 
-/// The elements of a row at one vector of pixels' indices and beside them: neighbouring pixels mostly read neighbouring
+/// The elements of a row at one vector of pixels' indices and beside them: neighboring pixels mostly read neighboring
 /// elements, which two loads and permutations gather.
 template <class A>
 class Windowed {
@@ -84,10 +84,10 @@ class Windowed {
   /// The elements at the indices plus move, plus move - 1, ... plus move - n + 1.
   template <int n>
   ANYNET_INLINE void descending(const A* row, int64_t move, vec<A>* out) const {
-    static_assert(n <= Positions<A>::neighbours);
+    static_assert(n <= Positions<A>::neighbors);
     const A* p = row + low_ + move - (n - 1);
     const vec<A> first = load(p), second = load(p + lanes<A>);
-    for (int i = 0; i < n; ++i) out[i] = __builtin_shuffle(first, second, select_ + (n - 1 - i));
+    for (int i = 0; i < n; ++i) out[i] = shuffle<A>(first, second, select_ + (n - 1 - i));
   }
 
  private:

@@ -1,19 +1,17 @@
 // Working memory of one thread. Included by files that are compiled per instruction set.
 #pragma once
 
-#include <cstdint>
-#include <cstdlib>
+#include "memory.h"
 
 namespace anynet::ANYNET_ISA {
 
-/// Uninitialised memory for `count` elements, aligned to a cache line, freed at the end of the scope.
+/// Uninitialized memory for count * size elements, aligned to a cache line, freed at the end of the scope.
 template <class A>
 class Scratch {
  public:
-  explicit Scratch(int64_t count) : data_(static_cast<A*>(std::aligned_alloc(64, (count * sizeof(A) / 64 + 1) * 64))) {
-    if (data_ == nullptr) std::abort();  // inside a parallel region: nothing to throw to
-  }
-  ~Scratch() { std::free(data_); }
+  explicit Scratch(int64_t count, int64_t size = 1)
+      : data_(static_cast<A*>(allocate_scratch(count, size * int64_t{sizeof(A)}))) {}
+  ~Scratch() { free_scratch(data_); }
   Scratch(const Scratch&) = delete;
   Scratch& operator=(const Scratch&) = delete;
   operator A*() const { return data_; }

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <cstring>
 
+#include "half.h"
 #include "tensor.h"
 
 #if defined(__AVX2__)
@@ -66,7 +67,7 @@ ANYNET_INLINE vec<A> absolute(vec<A> v) {
 
 /// The smaller of each pair; `b` where an element is NaN.
 template <class A>
-ANYNET_INLINE vec<A> smaller(vec<A> a, vec<A> b) {
+ANYNET_INLINE vec<A> min(vec<A> a, vec<A> b) {
 #if defined(__AVX512F__)
   if constexpr (sizeof(A) == 4) {
     constexpr __mmask16 all = 0xffff;
@@ -78,8 +79,47 @@ ANYNET_INLINE vec<A> smaller(vec<A> a, vec<A> b) {
 
 /// The larger of each pair; `b` where an element is NaN.
 template <class A>
-ANYNET_INLINE vec<A> larger(vec<A> a, vec<A> b) {
+ANYNET_INLINE vec<A> max(vec<A> a, vec<A> b) {
   return a > b ? a : b;
+}
+
+/// The elements I... of `a` followed by `b`.
+template <int... I, class V>
+ANYNET_INLINE V shuffle(V a, V b) {
+#if defined(__clang__) || __GNUC__ >= 12
+  return __builtin_shufflevector(a, b, I...);
+#else
+  using mask = decltype(a == b);
+  return __builtin_shuffle(a, b, mask{I...});
+#endif
+}
+
+/// The same with indices that are not known before.
+template <class A>
+ANYNET_INLINE vec<A> shuffle(vec<A> a, vec<A> b, typename Simd<A>::mask indices) {
+#if !defined(__clang__)
+  return __builtin_shuffle(a, b, indices);
+#else
+#if defined(__AVX2__)
+  if constexpr (lanes<A> == 8 && sizeof(A) == 4) {
+    const auto i = reinterpret_cast<__m256i>(indices);
+    const __m256 from_a = _mm256_permutevar8x32_ps(reinterpret_cast<__m256>(a), i);
+    const __m256 from_b = _mm256_permutevar8x32_ps(reinterpret_cast<__m256>(b), i);
+    return indices < lanes<A> ? reinterpret_cast<vec<A>>(from_a) : reinterpret_cast<vec<A>>(from_b);
+  }
+#endif
+#if defined(__AVX512F__)
+  if constexpr (sizeof(A) == 4) {
+    return reinterpret_cast<vec<A>>(_mm512_permutex2var_ps(
+        reinterpret_cast<__m512>(a), reinterpret_cast<__m512i>(indices), reinterpret_cast<__m512>(b)));
+  }
+#endif
+  A all[2 * lanes<A>], out[lanes<A>];
+  store(all, a);
+  store(all + lanes<A>, b);
+  for (int i = 0; i < lanes<A>; ++i) out[i] = all[indices[i]];
+  return load(out);
+#endif
 }
 
 /// A number as a type, for templates.
@@ -132,17 +172,6 @@ ANYNET_INLINE vec<A> load(const A* p, LaneRange<A> range) {
 }
 #endif
 
-ANYNET_INLINE float to_float(float16 h) {
-  _Float16 f;
-  std::memcpy(&f, &h, sizeof(f));
-  return static_cast<float>(f);
-}
-ANYNET_INLINE float to_float(bfloat16 b) {
-  const uint32_t bits = static_cast<uint32_t>(b.bits) << 16;
-  float f;
-  std::memcpy(&f, &bits, sizeof(f));
-  return f;
-}
 ANYNET_INLINE float to_accumulator(float a) { return a; }
 ANYNET_INLINE double to_accumulator(double a) { return a; }
 ANYNET_INLINE float to_accumulator(float16 a) { return to_float(a); }
@@ -155,18 +184,11 @@ ANYNET_INLINE T from_accumulator(accumulator_t<T> a) {
 }
 template <>
 ANYNET_INLINE float16 from_accumulator<float16>(float a) {
-  const _Float16 f = static_cast<_Float16>(a);
-  float16 h;
-  std::memcpy(&h, &f, sizeof(h));
-  return h;
+  return to_float16(a);
 }
 template <>
 ANYNET_INLINE bfloat16 from_accumulator<bfloat16>(float a) {
-  uint32_t bits;
-  std::memcpy(&bits, &a, sizeof(bits));
-  if (a != a) return bfloat16{0x7fc0};
-  bits += 0x7fff + ((bits >> 16) & 1);
-  return bfloat16{static_cast<uint16_t>(bits >> 16)};
+  return to_bfloat16(a);
 }
 
 /// `count` elements, `stride` apart, as contiguous accumulators: in place where they are that already, else copied

@@ -5,10 +5,12 @@
 #include <new>
 #include <vector>
 
+#include "memory.h"
+
 namespace anynet::ANYNET_ISA {
 
 /// Gives std::vector's functions, compiled for one instruction set, names of their own, so that the linker cannot merge
-/// them with those of another set or of the program. And elements without a value begin uninitialised.
+/// them with those of another set or of the program. And elements without a value begin uninitialized.
 template <class T>
 struct Allocator {
   using value_type = T;
@@ -17,7 +19,7 @@ struct Allocator {
   Allocator(const Allocator<U>&) {}
   T* allocate(std::size_t count) {
     void* p = std::malloc(count * sizeof(T));
-    if (p == nullptr) throw std::bad_alloc();
+    if (p == nullptr) throw_out_of_memory();
     return static_cast<T*>(p);
   }
   void deallocate(T* p, std::size_t) { std::free(p); }

@@ -29,7 +29,7 @@ auto activation(const Args& a) {
       if constexpr (std::is_same_v<decltype(v), T>) {
         return v < lowest ? lowest : v;
       } else {
-        return larger<T>(splat(lowest), v);
+        return max<T>(splat(lowest), v);
       }
     };
   };
@@ -55,7 +55,7 @@ constexpr int64_t chunk_vectors = 128;  // of gradient in a chunk, at least
 
 template <int distance, class T, int... I>
 ANYNET_INLINE vec<T> rotate(vec<T> v, std::integer_sequence<int, I...>) {
-  return __builtin_shufflevector(v, v, (I + distance) % lanes<T>...);
+  return shuffle<((I + distance) % lanes<T>)...>(v, v);
 }
 template <class T, int distance = lanes<T> / 2>
 ANYNET_INLINE T sum_lanes(vec<T> v) {

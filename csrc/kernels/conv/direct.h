@@ -44,20 +44,20 @@ int64_t vector_start(int64_t index, int64_t width, int64_t columns = lanes<T>) {
   return std::max<int64_t>(0, std::min<int64_t>(index * columns, width - columns));
 }
 
-/// Every second element of two vectors, from the first or from the second one on.
+/// The even or the odd elements of two vectors.
 template <class T, int odd, int... I>
-ANYNET_INLINE vec<T> every_second(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
-  return __builtin_shufflevector(a, b, (2 * I + odd)...);
+ANYNET_INLINE vec<T> deinterleave(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
+  return shuffle<(2 * I + odd)...>(a, b);
 }
 
-/// The even and the odd columns of a row, each through `f`.
+/// The even and the odd columns of a row apart, each through `f`.
 template <class T, class F>
-void split_columns(const T* from, int64_t width, const F& f, T* even, T* odd) {
+void deinterleave_columns(const T* from, int64_t width, const F& f, T* even, T* odd) {
   int64_t x = 0;
   for (; x + 2 * lanes<T> <= width; x += 2 * lanes<T>) {
     const vec<T> first = f(load(from + x)), second = f(load(from + x + lanes<T>));
-    store(even + x / 2, every_second<T, 0>(first, second, lane_sequence<T>{}));
-    store(odd + x / 2, every_second<T, 1>(first, second, lane_sequence<T>{}));
+    store(even + x / 2, deinterleave<T, 0>(first, second, lane_sequence<T>{}));
+    store(odd + x / 2, deinterleave<T, 1>(first, second, lane_sequence<T>{}));
   }
   for (; x < width; ++x) (x % 2 == 0 ? even : odd)[x / 2] = f(from[x]);
 }
@@ -91,7 +91,7 @@ struct Source {
       std::fill_n(to, pitch, T(0));
       const auto f = activate(r);
       if (stride == 2) {
-        split_columns<T>(from, width, f, to + half, to + 1);
+        deinterleave_columns<T>(from, width, f, to + half, to + 1);
       } else if (dilation == 1) {
         for (int64_t x = 0; x < width; ++x) to[1 + x] = f(from[x]);
       } else {
@@ -145,7 +145,7 @@ struct Geometry {
   int64_t strided(int64_t size) const { return (size + stride - 1) / stride; }
   /// As many threads as the work is worth waking.
   int threads(int available) const {
-    return useful_threads(batch * out_channels * out_rows() * out_width * in_channels * taps() * 3 / 8, available);
+    return useful_threads(available, batch, out_channels, out_rows(), out_width, in_channels, taps(), 0.375);
   }
   int64_t taps() const { return 3 * kernel_depth; }
   int64_t in_rows() const { return in_depth * in_height; }
@@ -205,7 +205,7 @@ struct Target {
 template <int stride, class T>
 ANYNET_INLINE vec<T> load_pixels(const T* p, LaneRange<T> first, LaneRange<T> second) {
   if constexpr (stride == 1) return load(p, first);
-  return every_second<T, 0>(load(p, first), load(p + lanes<T>, second), lane_sequence<T>{});
+  return deinterleave<T, 0>(load(p, first), load(p + lanes<T>, second), lane_sequence<T>{});
 }
 
 /// CO output channels x R rows x V vectors at columns x, x + lanes, ..., `last`.

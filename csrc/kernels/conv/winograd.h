@@ -1,6 +1,6 @@
 // Winograd's algorithm (Lavin and Gray, arXiv 1509.09308). In three dimensions it is F(3x3, 3x3) over depth and height:
 // the 3 x 3 outputs of a tile take 5 x 5 products of transformed pixels with transformed weights instead of 9 x 9.
-// Along the width the kernel slides as it does in `direct.h`, so that a pixel's neighbours never change lanes. In two
+// Along the width the kernel slides as it does in `direct.h`, so that a pixel's neighbors never change lanes. In two
 // it is F(3x2, 3x3) over height and width, and a vector of tiles is two of columns, the even and the odd ones.
 //
 // The transforms cost additions per channel, so this pays where channels are many. It rounds differently from the
@@ -28,7 +28,7 @@ struct Tiling {
 
   static int64_t vectors(int64_t width) { return vectors_in<T>(width, columns); }
   static int64_t start(int64_t vector, int64_t width) { return vector_start<T>(vector, width, columns); }
-  /// Where the scratch rows have what belongs to column start(vector, width): flat ones have no neighbours.
+  /// Where the scratch rows have what belongs to column start(vector, width): flat ones have no neighbors.
   static int64_t slot(int64_t vector, int64_t width) { return flat ? vector * lanes<T> : start(vector, width); }
 
   /// Whether it computes this convolution, and faster: what is saved goes with the product of the channels, the cost of
@@ -116,10 +116,10 @@ Vector<T> pack_transformed(const Geometry& g, const Weight& weight) {
   return packed;
 }
 
-/// The elements of two vectors in turn: of their first or of their second halves.
+/// Interleaves the first or the second halves of two vectors.
 template <class T, int half, int... I>
-ANYNET_INLINE vec<T> in_turn(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
-  return __builtin_shufflevector(a, b, (half * lanes<T> / 2 + I / 2 + I % 2 * lanes<T>)...);
+ANYNET_INLINE vec<T> interleave(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
+  return shuffle<(half * lanes<T> / 2 + I / 2 + I % 2 * lanes<T>)...>(a, b);
 }
 
 /// The pixels of a vector of tiles, `x` columns to the right of `rows`. left, right: the first column, or the
@@ -135,10 +135,10 @@ ANYNET_INLINE void load_tiles(const T* const* rows, int64_t x, bool left, bool r
       const vec<T> before[2] = {load(row, first), load(row + L)};
       const vec<T> after[2] = {load(row + 2), load(row + 2 + L, last)};
       vec<T>* to = d + Tiling<T, flat>::inner_in * y;
-      to[0] = every_second<T, 0>(before[0], before[1], lane_sequence<T>{});
-      to[1] = every_second<T, 1>(before[0], before[1], lane_sequence<T>{});
-      to[2] = every_second<T, 0>(after[0], after[1], lane_sequence<T>{});
-      to[3] = every_second<T, 1>(after[0], after[1], lane_sequence<T>{});
+      to[0] = deinterleave<T, 0>(before[0], before[1], lane_sequence<T>{});
+      to[1] = deinterleave<T, 1>(before[0], before[1], lane_sequence<T>{});
+      to[2] = deinterleave<T, 0>(after[0], after[1], lane_sequence<T>{});
+      to[3] = deinterleave<T, 1>(after[0], after[1], lane_sequence<T>{});
     }
   } else {
     const LaneRange<T> inside(left ? 1 : 0, right ? L - 1 : L);
@@ -238,8 +238,8 @@ ANYNET_INLINE void finish_strip(const T* products, int64_t step, int64_t count, 
 #pragma GCC unroll 3
       for (int y = 0; y < Tiles::outer; ++y) {
         const vec<T> even = m[Tiles::inner_in * y], odd = m[Tiles::inner_in * y + 1];
-        m[Tiles::inner_in * y] = in_turn<T, 0>(even, odd, lane_sequence<T>{});
-        m[Tiles::inner_in * y + 1] = in_turn<T, 1>(even, odd, lane_sequence<T>{});
+        m[Tiles::inner_in * y] = interleave<T, 0>(even, odd, lane_sequence<T>{});
+        m[Tiles::inner_in * y + 1] = interleave<T, 1>(even, odd, lane_sequence<T>{});
       }
     }
 #pragma GCC unroll 9

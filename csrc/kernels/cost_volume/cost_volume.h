@@ -13,6 +13,7 @@
 // All positions p_k stay within their row, so one thread owns a row and needs no atomics.
 #pragma once
 
+#include "../common/affine_relu.h"
 #include "../common/isa.h"
 #include "../common/tensor.h"
 
@@ -26,10 +27,7 @@ struct CostVolume {
   int64_t first;             // the offset of out[:,0]
   int64_t count;             // K, the number of offsets
   T* out;                    // [N,K,H,W], contiguous
-  // The CPU's deployed graph only: out becomes relu(scale[g] out + shift[g]), g = n % groups. Otherwise nullptr.
-  const T* scale = nullptr;  // [groups]
-  const T* shift = nullptr;
-  int64_t groups = 1;
+  AffineRelu<T> epilogue{};  // on the CPU; of sample n: channel n % channels
 };
 
 template <class T>

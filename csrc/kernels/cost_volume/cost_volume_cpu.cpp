@@ -18,7 +18,7 @@ template <class A>
 class Rows {
  public:
   Rows(int64_t channels, int64_t before, int64_t width, int64_t after)
-      : before_(before), pitch_(round_up(before + width + after, lanes<A>)), data_(channels * pitch_) {
+      : before_(before), pitch_(round_up(before + width + after, lanes<A>)), data_(channels, pitch_) {
     fill_zero<A>(data_, channels * pitch_);
   }
 
@@ -70,7 +70,7 @@ ANYNET_INLINE void sum_differences(const Rows<A>& left, const Rows<A>& right, in
 template <bool Between, class A, class Gather>
 ANYNET_INLINE void sum_all_differences(const Rows<A>& left, const Rows<A>& right, int64_t C, int64_t x, int64_t first,
                                        int64_t K, const Gather& gather, vec<A> fraction, vec<A>* sums) {
-  constexpr int most = Between ? Positions<A>::neighbours - 1 : vector_bytes == 64 ? 16 : 8;
+  constexpr int most = Between ? Positions<A>::neighbors - 1 : vector_bytes == 64 ? 16 : 8;
   int64_t k = 0;
   const auto run = [&](auto count) {
     sum_differences<count(), Between>(left, right, C, x, first + k, gather, fraction, sums + k);
@@ -97,7 +97,7 @@ void cost_volume(const CostVolume<T>& a, int threads) {
   const int64_t first = clamp(a.first, -W - K, W);
   const int64_t before = around ? K + 2 : clamp(first + K - 1, 0, W + K);
   const int64_t after = (around ? K : clamp(-first, 0, W + K)) + 3 * lanes<A>;
-  parallel_ranges(N * H, useful_threads(N * C * H * W * K * 3, threads), [&](int64_t begin, int64_t end) {
+  parallel_ranges(N * H, useful_threads(threads, N, C, H, W, K, 3), [&](int64_t begin, int64_t end) {
     Rows<A> left(C, 0, W, lanes<A>), right(C, before, W, after);
     Positions<A> at(W);
     Scratch<vec<A>> sums(K);
@@ -117,10 +117,10 @@ void cost_volume(const CostVolume<T>& a, int threads) {
         } else {
           sum_all_differences<false, A>(left, right, C, x, first, K, Shifted<A>(x), vec<A>{}, sums);
         }
-        if (a.scale != nullptr) {
-          const vec<A> scale = splat<A>(to_accumulator(a.scale[n % a.groups]));
-          const vec<A> shift = splat<A>(to_accumulator(a.shift[n % a.groups]));
-          for (int64_t k = 0; k < K; ++k) sums[k] = larger<A>(vec<A>{}, scale * sums[k] + shift);
+        if (a.epilogue.scale != nullptr) {
+          const vec<A> scale = splat<A>(to_accumulator(a.epilogue.scale[n % a.epilogue.channels]));
+          const vec<A> shift = splat<A>(to_accumulator(a.epilogue.shift[n % a.epilogue.channels]));
+          for (int64_t k = 0; k < K; ++k) sums[k] = max<A>(vec<A>{}, scale * sums[k] + shift);
         }
         const int64_t count = W - x < lanes<A> ? W - x : lanes<A>;
         for (int64_t k = 0; k < K; ++k) {
@@ -166,7 +166,7 @@ class Pixels {
       : pitch_(round_up(channels, lanes<A>)),
         before_(before),
         count_(before + round_up(width, lanes<A>) + after),
-        data_(count_ * pitch_) {
+        data_(count_, pitch_) {
     clear();
   }
 
@@ -251,7 +251,7 @@ void cost_volume_backward(const CostVolumeBackward<T>& a, int threads) {
   // Left pixel x and right pixel x - first - k meet: each side is read at the other's positions.
   const int64_t behind = (around ? 0 : clamp(first + K - 1, 0, W + K)) + lanes<A>;
   const int64_t ahead = (around ? 0 : clamp(-first, 0, W + K)) + lanes<A>;
-  parallel_ranges(N * H, useful_threads(N * C * H * W * K * 8, threads), [&](int64_t begin, int64_t end) {
+  parallel_ranges(N * H, useful_threads(threads, N, C, H, W, K, 8), [&](int64_t begin, int64_t end) {
     Rows<A> left(C, ahead, W, behind + lanes<A>), right(C, behind, W, ahead + lanes<A>);
     Rows<A> grad(K, ahead, W, behind + lanes<A>), grad_left(C, 0, W, lanes<A>), grad_right(C, 0, W, lanes<A>);
     const int64_t channels = around ? C : 0;

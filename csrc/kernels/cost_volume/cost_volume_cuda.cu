@@ -1,7 +1,7 @@
-// Without disparity, forward: a warp computes 128 pixels x 8 offsets (4 in double), 4 neighbouring pixels per thread,
+// Without disparity, forward: a warp computes 128 pixels x 8 offsets (4 in double), 4 neighboring pixels per thread,
 // in registers. Tiles of both rows lie in shared memory for a few channels at a time, so that the warps of a block,
 // which have different offsets, read the features once for up to 128 offsets. With disparity, forward: one thread per
-// pixel and 8 offsets; neighbouring offsets share a sample's pixels. Backward: gathered, so each gradient is written
+// pixel and 8 offsets; neighboring offsets share a sample's pixels. Backward: gathered, so each gradient is written
 // once and always the same way.
 #include <cmath>
 
@@ -330,6 +330,7 @@ void cost_volume(const CostVolume<T>& args, Stream stream) {
   CostVolume<T> a = args;
   const int64_t* size = a.left.size;
   check_row("cost_volume", size[3], a.count);
+  if (a.epilogue.scale != nullptr) throw std::runtime_error("cost_volume: expected no epilogue on CUDA, got one");
   const int64_t rows = size[0] * size[2];
   if (a.disparity.data != nullptr) {
     const int64_t offset_tiles = ceil_div(a.count, thread_offsets);

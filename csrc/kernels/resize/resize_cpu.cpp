@@ -36,7 +36,7 @@ void resize(const Resize<T>& a, int threads) {
   const int64_t rows = a.input.size[0] * C * H;
   Taps<A> ty(h, H, a.align_corners), tx(w, W, a.align_corners);
   const A scale = static_cast<A>(a.scale);
-  parallel_ranges(rows, useful_threads(rows * W, threads), [&](int64_t begin, int64_t end) {
+  parallel_ranges(rows, useful_threads(threads, rows, W), [&](int64_t begin, int64_t end) {
     Scratch<A> low_row(w), high_row(w), blended(w), add_row(W), out_row(W);
     for (int64_t row = begin; row < end; ++row) {
       const int64_t n = row / (C * H), c = row / H % C, y = row % H;
@@ -75,7 +75,7 @@ void resize_backward(const ResizeBackward<T>& a, int threads) {
     first[i] = y;
   }
   const A scale = static_cast<A>(a.scale);
-  parallel_ranges(rows, useful_threads(a.grad.size[0] * C * H * W * 2, threads), [&](int64_t begin, int64_t end) {
+  parallel_ranges(rows, useful_threads(threads, a.grad.size[0], C, H, W, 2), [&](int64_t begin, int64_t end) {
     Scratch<A> grad_row(W), collected(W), out_row(w);
     for (int64_t row = begin; row < end; ++row) {
       const int64_t n = row / (C * h), c = row / h % C, i = row % h;

@@ -63,7 +63,7 @@ class Softmax {
  public:
   using A = accumulator_t<T>;
 
-  explicit Softmax(int64_t width) : lowest(width), sums(width), means(width), width_(width), lines_(planes * width) {}
+  explicit Softmax(int64_t width) : lowest(width), sums(width), means(width), width_(width), lines_(planes, width) {}
 
   /// Reads all planes of `count` pixels.
   void read(const View4<const T>& cost, const T* start, int64_t count) {
@@ -111,7 +111,7 @@ class Softmax {
     for_each_vector<n>(cost, start, k, count, [&](int64_t x, const vec<A>* costs) {
       const vec<A> before = load(lowest + x);
       vec<A> low = before;
-      for (int i = 0; i < n; ++i) low = smaller<A>(costs[i], low);
+      for (int i = 0; i < n; ++i) low = min<A>(costs[i], low);
       const vec<A> scale = exp_nonpositive<A>(low - before);
       vec<A> sum{}, index{};
       for (int i = 0; i < n; ++i) {
@@ -136,7 +136,7 @@ void soft_argmin(const SoftArgmin<T>& a, int threads) {
   using A = accumulator_t<T>;
   const View4<const T> cost = is_flat(a.cost) ? flattened(a.cost) : a.cost;
   const int64_t N = cost.size[0], D = cost.size[1], H = cost.size[2], W = cost.size[3];
-  threads = useful_threads(N * D * H * W * 10, threads);
+  threads = useful_threads(threads, N, D, H, W, 10);
   const Strips strips(cost, threads);
   parallel_ranges(strips.count, threads, [&](int64_t begin, int64_t end) {
     Softmax<T> softmax(strips.width);
@@ -155,7 +155,7 @@ void soft_argmin_backward(const SoftArgminBackward<T>& a, int threads) {
   const bool flat = is_flat(a.cost) && is_flat(a.grad);
   const View4<const T> cost = flat ? flattened(a.cost) : a.cost, grad = flat ? flattened(a.grad) : a.grad;
   const int64_t N = cost.size[0], D = cost.size[1], H = cost.size[2], W = cost.size[3];
-  threads = useful_threads(N * D * H * W * 14, threads);
+  threads = useful_threads(threads, N, D, H, W, 14);
   const Strips strips(cost, threads);
   parallel_ranges(strips.count, threads, [&](int64_t begin, int64_t end) {
     Softmax<T> softmax(strips.width);

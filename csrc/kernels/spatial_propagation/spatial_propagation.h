@@ -5,12 +5,12 @@
 //
 //   h[r,t] = (1 - sum_j g_j[r,t]) input[r,t] + sum_j g_j[r,t] h[r+j,t-1],   j = -1, 0, +1
 //
-// gates[:,0..2] are g_-1, g_0, g_+1. A gate whose neighbour lies outside the image (t = 0 included) counts as 0 in both
+// gates[:,0..2] are g_-1, g_0, g_+1. A gate whose neighbor lies outside the image (t = 0 included) counts as 0 in both
 // sums. Backward, with e[r,t] the gradient of the loss with respect to h[r,t] (what arrives plus what flows back):
 //
 //   e[r,t] = grad[r,t] + sum_j g_j[r-j,t+1] e[r-j,t+1]
 //   grad_input[r,t] = (1 - sum_j g_j[r,t]) e[r,t]
-//   grad_gates_j[r,t] = e[r,t] (h[r+j,t-1] - input[r,t]),   0 where the neighbour lies outside
+//   grad_gates_j[r,t] = e[r,t] (h[r+j,t-1] - input[r,t]),   0 where the neighbor lies outside
 #pragma once
 
 #include "../common/isa.h"
@@ -24,7 +24,7 @@ struct SpatialPropagation {
   View<const T, 5> gates;  // [N,3,C,H,W], any strides
   int direction;           // 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top
   T* out;                  // [N,C,H,W], contiguous
-  bool normalise = false;  // on the CPU: each gate is first divided by the sum of its three's absolute values + 1e-8
+  bool normalize = false;  // on the CPU: each gate is first divided by the sum of its three's absolute values + 1e-8
 };
 
 template <class T>

@@ -29,7 +29,7 @@ class Lines {
  public:
   static constexpr int64_t block = lanes<A>;
 
-  explicit Lines(int64_t length) : pitch_(round_up(length, lanes<A>) + 2 * lanes<A>), data_(block * pitch_) {
+  explicit Lines(int64_t length) : pitch_(round_up(length, lanes<A>) + 2 * lanes<A>), data_(block, pitch_) {
     fill_zero<A>(data_, block * pitch_);
   }
 
@@ -91,17 +91,17 @@ class Lines {
   Scratch<A> data_;
 };
 
-/// Reads the three gates of a block of lines, with zeros for those whose neighbour lies outside.
+/// Reads the three gates of a block of lines, with zeros for those whose neighbor lies outside.
 template <class T, class A>
 void read_gates(Lines<A>* lines, const Scan& scan, const View<const T, 5>& gates, int64_t n, int64_t c, int64_t begin,
-                int64_t count, bool normalise) {
+                int64_t count, bool normalize) {
   const int64_t* stride = gates.stride;
   for (int j = 0; j < 3; ++j) {
     const T* p = gates.data + n * stride[0] + j * stride[1] + c * stride[2];
     lines[j].read(scan, p, stride[3], stride[4], begin, count);
   }
   for (int64_t i = 0; i < count; ++i) {
-    if (normalise) {
+    if (normalize) {
       A *g0 = lines[0][i], *g1 = lines[1][i], *g2 = lines[2][i];
 #pragma omp simd
       for (int64_t r = 0; r < scan.length; ++r) {
@@ -125,7 +125,7 @@ void spatial_propagation(const SpatialPropagation<T>& a, int threads) {
   const int64_t N = a.input.size[0], C = a.input.size[1], H = a.input.size[2], W = a.input.size[3];
   const Scan scan(H, W, a.direction);
   if (H == 0 || W == 0) return;
-  parallel_ranges(N * C, useful_threads(N * C * H * W * 8, threads), [&](int64_t begin, int64_t end) {
+  parallel_ranges(N * C, useful_threads(threads, N, C, H, W, 8), [&](int64_t begin, int64_t end) {
     constexpr int64_t block = Lines<A>::block;
     const int64_t R = scan.length;
     Lines<A> input(R), out(R), before(R), gates[3] = {Lines<A>(R), Lines<A>(R), Lines<A>(R)};
@@ -138,7 +138,7 @@ void spatial_propagation(const SpatialPropagation<T>& a, int threads) {
         const int64_t count = scan.steps - done < block ? scan.steps - done : block;
         const int64_t t = scan.descending ? scan.steps - done - count : done;
         input.read(scan, a.input.data + n * stride[0] + c * stride[1], stride[2], stride[3], t, count);
-        read_gates(gates, scan, a.gates, n, c, t, count, a.normalise);
+        read_gates(gates, scan, a.gates, n, c, t, count, a.normalize);
         for (int64_t step = 0; step < count; ++step) {
           const int64_t i = scan.descending ? count - 1 - step : step;
           const A *x = input[i], *g0 = gates[0][i], *g1 = gates[1][i], *g2 = gates[2][i];
@@ -165,7 +165,7 @@ void spatial_propagation_backward(const SpatialPropagationBackward<T>& a, int th
   const int64_t N = a.input.size[0], C = a.input.size[1], H = a.input.size[2], W = a.input.size[3];
   const Scan scan(H, W, a.direction);
   if (H == 0 || W == 0) return;
-  parallel_ranges(N * C, useful_threads(N * C * H * W * 16, threads), [&](int64_t begin, int64_t end) {
+  parallel_ranges(N * C, useful_threads(threads, N, C, H, W, 16), [&](int64_t begin, int64_t end) {
     constexpr int64_t block = Lines<A>::block;
     const int64_t R = scan.length;
     Lines<A> input(R), out(R), e_lines(R), flows(R), gates[3] = {Lines<A>(R), Lines<A>(R), Lines<A>(R)};

@@ -1,7 +1,7 @@
 // One launch per call: a block owns a plane (n, c) and walks along the scan; each thread owns one line across it and
-// hands its newest value to its two neighbours through shared memory, one barrier per step (two buffers in turn).
-// Threads read whole 32-byte sectors of their line where it is contiguous (left to right), neighbouring threads
-// neighbouring elements otherwise, and always a few steps ahead, so that memory works while the scan waits.
+// hands its newest value to its two neighbors through shared memory, one barrier per step (two buffers in turn).
+// Threads read whole 32-byte sectors of their line where it is contiguous (left to right), neighboring threads
+// neighboring elements otherwise, and always a few steps ahead, so that memory works while the scan waits.
 // Planes of more than 512 lines (backward: 384) go through a plainer kernel: several lines per thread, nothing read
 // ahead.
 #include <cmath>
@@ -90,7 +90,7 @@ ANYNET_DEVICE void write_steps(T* line, int64_t along, int64_t t, int64_t steps,
   }
 }
 
-/// Gates of one step; those without a neighbour are 0.
+/// Gates of one step; those without a neighbor are 0.
 template <class A>
 struct Gates {
   A before, same, after;
@@ -198,7 +198,7 @@ __global__ void __launch_bounds__(threads_of_many, 1) forward_many(Forward<T> a)
 }
 
 // ----------------------------------------------------------------------------------------------------------- backward
-// Going down from the last step, line r needs from its neighbours: the gradient that flows to it from step t + 1, and
+// Going down from the last step, line r needs from its neighbors: the gradient that flows to it from step t + 1, and
 // h at step t - 1. All three are in shared memory when a step begins.
 template <class A>
 struct BackwardExchange {
@@ -215,7 +215,7 @@ template <class A>
 struct BackwardStep {
   A input, gate[3], flow;  // `flow` goes to the same line at t - 1
 
-  /// Reads buffer `from` of `exchange` and writes what the neighbours need to the other one.
+  /// Reads buffer `from` of `exchange` and writes what the neighbors need to the other one.
   ANYNET_DEVICE BackwardStep(const BackwardExchange<A>& exchange, int from, int r, int64_t t, int64_t lines, A arriving,
                              const Gates<A>& gates, A x, A h) {
     const A e = arriving + exchange.to_after.buffer(from)[r - 1] + exchange.to_before.buffer(from)[r + 1];
@@ -365,6 +365,7 @@ dim3 threads_for(int64_t lines) { return static_cast<unsigned>((lines + 31) / 32
 
 template <class T>
 void spatial_propagation(const SpatialPropagation<T>& args, Stream stream) {
+  if (args.normalize) throw std::runtime_error("spatial_propagation: expected normalized gates on CUDA, got others");
   const int64_t* size = args.input.size;
   const int d = args.direction;
   const int64_t lines = d < 2 ? size[2] : size[3], steps = d < 2 ? size[3] : size[2];

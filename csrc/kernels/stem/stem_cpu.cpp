@@ -14,12 +14,12 @@ typedef uint32_t bits __attribute__((vector_size(vector_bytes)));
 
 /// Elements first, first + 3, first + 6, ... of three vectors.
 template <int... I>
-ANYNET_INLINE bits every_third(const bits (&v)[3], int first, std::integer_sequence<int, I...>) {
+ANYNET_INLINE bits deinterleave_by_3(const bits (&v)[3], int first, std::integer_sequence<int, I...>) {
   constexpr int n = sizeof...(I);
   const auto pick = [&](auto offset) {
     constexpr int k = decltype(offset)::value;
-    const bits two = __builtin_shufflevector(v[0], v[1], (3 * I + k < 2 * n ? 3 * I + k : 0)...);
-    return __builtin_shufflevector(two, v[2], (3 * I + k < 2 * n ? I : 3 * I + k - n)...);
+    const bits two = shuffle<(3 * I + k < 2 * n ? 3 * I + k : 0)...>(v[0], v[1]);
+    return shuffle<(3 * I + k < 2 * n ? I : 3 * I + k - n)...>(two, v[2]);
   };
   return first == 0   ? pick(std::integral_constant<int, 0>{})
          : first == 1 ? pick(std::integral_constant<int, 1>{})
@@ -37,8 +37,8 @@ class Strip {
         quarter_(a.width / 4),
         pitch_((quarter_ + 3 * lanes<T> - 1) / lanes<T> * lanes<T>),
         bytes_(pitch_ * 12),
-        inputs_(4 * 3 * row()),
-        first_(5 * a.channels * row()),
+        inputs_(12, row()),
+        first_(5 * a.channels, row()),
         planes_(a.input_scale == 2 ? 3 * 6 * pitch_ : 0),
         result_(pitch_) {
     fill_zero<T>(inputs_, 4 * 3 * row());
@@ -78,7 +78,7 @@ class Strip {
       return;
     }
     if (a_.input_scale == 2) {
-      read_enlarged(r);
+      read_upsampled(r);
     } else {
       read_plain(r);
     }
@@ -92,7 +92,7 @@ class Strip {
       bits words[3];  // of four pixels: three words
       std::memcpy(words, bytes_ + 12 * j, sizeof(words));
       for (int word = 0; word < 3; ++word) {
-        const bits packed = every_third(words, word, std::make_integer_sequence<int, lanes<T>>{});
+        const bits packed = deinterleave_by_3(words, word, std::make_integer_sequence<int, lanes<T>>{});
         for (int byte = 0; byte < 4; ++byte) {
           const int i = 4 * word + byte;
           const bits value = packed >> (8 * byte) & 255;
@@ -103,8 +103,8 @@ class Strip {
   }
 
   /// Between two rows of the image: 3/4 of the nearer, 1/4 of the farther.
-  void read_enlarged(int64_t r) {
-    const T *near = split(r / 2), *far = split(r % 2 ? r / 2 + 1 : std::max(r / 2 - 1, int64_t{0}));
+  void read_upsampled(int64_t r) {
+    const T *near = deinterleave(r / 2), *far = deinterleave(r % 2 ? r / 2 + 1 : std::max(r / 2 - 1, int64_t{0}));
     for (int c = 0; c < 3; ++c, near += 2 * pitch_, far += 2 * pitch_) {
       const vec<T> mean = splat(a_.mean[c]), much = splat(T(0.75)), little = splat(T(0.25));
       const auto between = [&](int64_t i) { return much * load(near + i) + little * load(far + i) - mean; };
@@ -121,7 +121,7 @@ class Strip {
   }
 
   /// A row of the image, or its last: per channel the even and the odd columns, one more at either end, a pitch apart.
-  const T* split(int64_t r) {
+  const T* deinterleave(int64_t r) {
     r = std::min(r, a_.image_height - 1);
     T* planes = planes_ + r % 3 * 6 * pitch_ + lanes<T>;
     if (held_[r % 3] == r) return planes;
@@ -168,7 +168,7 @@ class Strip {
           }
         }
         for (int phase = 0; phase < 4; ++phase) {
-          store(out + phase * pitch_ + j, larger<T>(sum[phase], vec<T>{}));
+          store(out + phase * pitch_ + j, max<T>(sum[phase], vec<T>{}));
         }
       }
     }
@@ -190,10 +190,10 @@ class Strip {
             right += w0 * shared + w1 * load(f + 2 * pitch_) + w2 * load(f + 3 * pitch_);
           }
         }
-        pooled[half] = larger<T>(left, right);
+        pooled[half] = max<T>(left, right);
       }
       store(result_ + j,
-            larger<T>(splat(a_.scale[o]) * larger<T>(pooled[0], pooled[1]) + splat(a_.shift[o]), vec<T>{}));
+            max<T>(splat(a_.epilogue.scale[o]) * max<T>(pooled[0], pooled[1]) + splat(a_.epilogue.shift[o]), vec<T>{}));
     }
   }
 
@@ -202,7 +202,7 @@ class Strip {
   const int64_t quarter_, pitch_;
   Scratch<uint8_t> bytes_;
   Scratch<T> inputs_, first_;
-  Scratch<T> planes_;  // of the last three rows of the image that were split
+  Scratch<T> planes_;  // of the last three rows of the image that were deinterleaved
   int64_t held_[3] = {-1, -1, -1};
   Scratch<T> result_;
 };

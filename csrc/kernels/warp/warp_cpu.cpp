@@ -25,7 +25,7 @@ void warp(const Warp<T>& a, int threads) {
   using A = accumulator_t<T>;
   const int64_t N = a.image.size[0], C = a.image.size[1], H = a.image.size[2], W = a.image.size[3];
   if (W == 0) return;
-  parallel_ranges(N * H, useful_threads(N * C * H * W * 4, threads), [&](int64_t begin, int64_t end) {
+  parallel_ranges(N * H, useful_threads(threads, N, C, H, W, 4), [&](int64_t begin, int64_t end) {
     Scratch<A> padded(W + 2 * padding<A>);
     Positions<A> at(W);
     fill_zero<A>(padded, W + 2 * padding<A>);
@@ -55,7 +55,7 @@ void warp_backward(const WarpBackward<T>& a, int threads) {
   using A = accumulator_t<T>;
   const int64_t N = a.image.size[0], C = a.image.size[1], H = a.image.size[2], W = a.image.size[3];
   if (W == 0) return;
-  parallel_ranges(N * H, useful_threads(N * C * H * W * 8, threads), [&](int64_t begin, int64_t end) {
+  parallel_ranges(N * H, useful_threads(threads, N, C, H, W, 8), [&](int64_t begin, int64_t end) {
     const int64_t padded_width = W + 2 * padding<A>, vectors_width = round_up(W, lanes<A>);
     Scratch<A> padded(padded_width), scattered(padded_width), grad(vectors_width), grad_disparity(vectors_width);
     Positions<A> at(W);

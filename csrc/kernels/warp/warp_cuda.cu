@@ -1,4 +1,4 @@
-// Forward: one thread per pixel, which samples all channels; a warp's loads and stores are neighbours.
+// Forward: one thread per pixel, which samples all channels; a warp's loads and stores are neighbors.
 // Backward: one warp per 32 pixels of a row. Each lane gathers what its image pixel received (see for_each_sampler).
 #include <cmath>
 

@@ -164,7 +164,7 @@ def _truth_findings(sample: StereoSample, estimate: Estimate, truth: Path | None
 
 
 def _print_table(sample: StereoSample, estimates: list[Estimate], times: list[float]) -> None:
-    from anynet.evaluation.evaluate import filled, region_mask
+    from anynet.evaluation.evaluate import fill_holes, region_mask
     from anynet.evaluation.metrics import scores
 
     height, width = sample.disparity.shape
@@ -175,7 +175,7 @@ def _print_table(sample: StereoSample, estimates: list[Estimate], times: list[fl
     for estimate, time in zip(estimates, times, strict=True):
         row = [str(estimate.stage), f"{time:.1f}"]
         if mask.any():
-            score = scores(filled(estimate.disparity), sample.disparity, mask)
+            score = scores(fill_holes(estimate.disparity), sample.disparity, mask)
             row += [f"{score.epe:.2f}", f"{score.bad2:.1f}", f"{score.d1:.1f}"]
         table.add_row(*row)
     Console().print(table)

@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from anynet.cli.calibration import (
     Alpha,
@@ -233,6 +231,12 @@ def _size(image: Path) -> tuple[int, int] | None:
 
 def _progress(pairs: list[Pair]) -> Iterator[Pair]:
     """The pairs one by one, with a bar on the terminal if there are several."""
+    if len(pairs) == 1:
+        yield from pairs
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
     columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
     console = Console(stderr=True)
     with Progress(
@@ -240,7 +244,7 @@ def _progress(pairs: list[Pair]) -> Iterator[Pair]:
         console=console,
         redirect_stdout=sys.stdout.isatty(),  # results in a file or pipe stay there
         transient=True,
-        disable=len(pairs) == 1 or not console.is_terminal,
+        disable=not console.is_terminal,
     ) as progress:
         yield from progress.track(pairs)
 

@@ -115,7 +115,7 @@ def compare(
             if name == next(iter(methods)):
                 doubts += [(sample.name, doubt) for doubt in check_truth(sample, estimates[-1].disparity)]
             for estimate in estimates:
-                whole = filled(estimate.disparity)
+                whole = fill_holes(estimate.disparity)
                 for region, mask in masks.items():
                     given = int(np.isfinite(estimate.disparity[mask]).sum())
                     result = scores(whole, sample.disparity, mask), estimate.elapsed_ms, given
@@ -135,17 +135,17 @@ def _stage(number: int, results: list[tuple[Scores, float, int]]) -> Stage:
     return Stage(number, images, float(np.median(times)), 100 * sum(given) / pixels if pixels else float("nan"))
 
 
-def filled(disparity: Disparity) -> Disparity:
+def fill_holes(disparity: Disparity) -> Disparity:
     """Fills every hole (NaN) with the smaller, so the farther, of its neighbors in the row; then from other rows."""
     if np.isfinite(disparity).all():
         return disparity
-    rows = np.fmin(_last_known(disparity), _last_known(disparity[:, ::-1])[:, ::-1])
-    columns = np.fmin(_last_known(rows.T), _last_known(rows.T[:, ::-1])[:, ::-1])
+    rows = np.fmin(_forward_fill(disparity), _forward_fill(disparity[:, ::-1])[:, ::-1])
+    columns = np.fmin(_forward_fill(rows.T), _forward_fill(rows.T[:, ::-1])[:, ::-1])
     result: Disparity = columns.T
     return result
 
 
-def _last_known(rows: Disparity) -> Disparity:
+def _forward_fill(rows: Disparity) -> Disparity:
     """Each pixel's own value or that of the nearest known one to its left; NaN if there is none."""
     columns = np.where(np.isfinite(rows), np.arange(rows.shape[1]), 0)
     result: Disparity = np.take_along_axis(rows, np.maximum.accumulate(columns, axis=1), axis=1)

@@ -20,7 +20,7 @@ FAR = 0.5  # pixels of disparity: `Recipe.far_weight` is for less
 Item = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
-class _Draws(Dataset[Item]):
+class _Crops(Dataset[Item]):
     """Draw number i of a run: epoch after epoch, each in an order of its own, augmented by a generator of its own."""
 
     def __init__(self, samples: Sequence[StereoSample], recipe: Recipe) -> None:
@@ -51,14 +51,14 @@ class _Draws(Dataset[Item]):
         )
 
 
-class _Steps:
+class _BatchSampler:
     """The draws of this process, step by step. All processes together make the batch that one process would."""
 
     def __init__(self, steps: range, batch: int, processes: Processes) -> None:
         self._steps, self._batch, self._processes = steps, batch, processes
 
     def __iter__(self) -> Iterator[range]:
-        share = self._batch // self._processes.count
+        share = self._batch // self._processes.world_size
         for step in self._steps:
             start = step * self._batch + self._processes.rank * share
             yield range(start, start + share)
@@ -74,11 +74,11 @@ def batches(samples: Sequence[StereoSample], recipe: Recipe, steps: range, proce
     loss, float32 [B,1,h,w]: 0 where unknown, `recipe.occluded_weight` where the right crop does not show them, else 1;
     times `recipe.far_weight` where they are farther than FAR.
     """
-    if recipe.batch_size % processes.count:
-        raise AnyNetError(f"a batch of {recipe.batch_size} does not divide among {processes.count} processes")
+    if recipe.batch_size % processes.world_size:
+        raise AnyNetError(f"a batch of {recipe.batch_size} does not divide among {processes.world_size} processes")
     return DataLoader(
-        _Draws(samples, recipe),
-        batch_sampler=_Steps(steps, recipe.batch_size, processes),  # type: ignore[arg-type]
+        _Crops(samples, recipe),
+        batch_sampler=_BatchSampler(steps, recipe.batch_size, processes),  # type: ignore[arg-type]
         num_workers=recipe.workers,
         prefetch_factor=4 if recipe.workers else None,
         pin_memory=processes.device.type == "cuda",

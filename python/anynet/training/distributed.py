@@ -20,21 +20,21 @@ class Processes:
     """This process among all of the run."""
 
     rank: int
-    count: int
+    world_size: int
     device: torch.device
 
     @property
-    def first(self) -> bool:
+    def is_main(self) -> bool:
         return self.rank == 0
 
-    def wait(self) -> None:
+    def barrier(self) -> None:
         """Until every process is here."""
-        if self.count > 1:
+        if self.world_size > 1:
             dist.barrier()
 
-    def total(self, value: Tensor) -> Tensor:
+    def all_reduce_sum(self, value: Tensor) -> Tensor:
         """Sum of `value` over the processes."""
-        if self.count > 1:
+        if self.world_size > 1:
             dist.all_reduce(value)
         return value
 
@@ -43,8 +43,8 @@ class Processes:
 def process_group(device: str | None) -> Iterator[Processes]:
     """Joins the process group that torchrun describes in the environment; one process where there is none."""
     kind = device or ("cuda" if torch.cuda.is_available() else "cpu")
-    count = int(os.environ.get("WORLD_SIZE", "1"))
-    if count == 1:
+    world_size = int(os.environ.get("WORLD_SIZE", "1"))
+    if world_size == 1:
         yield Processes(0, 1, torch.device(kind))
         return
     if kind == "cuda":
@@ -52,12 +52,12 @@ def process_group(device: str | None) -> Iterator[Processes]:
         kind = f"cuda:{os.environ['LOCAL_RANK']}"
     dist.init_process_group("nccl" if kind.startswith("cuda") else "gloo")
     try:
-        yield Processes(dist.get_rank(), count, torch.device(kind))
+        yield Processes(dist.get_rank(), world_size, torch.device(kind))
     finally:
         dist.destroy_process_group()
 
 
-class _TotalOverProcesses(torch.autograd.Function):
+class _AllReduceSum(torch.autograd.Function):
     """Sum over the processes. Every process's loss depends on it, so its gradient is the sum of theirs."""
 
     @staticmethod
@@ -73,8 +73,8 @@ class _TotalOverProcesses(torch.autograd.Function):
         return total
 
 
-def _total(value: Tensor) -> Tensor:
-    total: Tensor = _TotalOverProcesses.apply(value)  # type: ignore[no-untyped-call, unused-ignore]
+def _all_reduce_sum(value: Tensor) -> Tensor:
+    total: Tensor = _AllReduceSum.apply(value)  # type: ignore[no-untyped-call, unused-ignore]
     return total
 
 
@@ -90,12 +90,12 @@ class _SyncBatchNorm(nn.modules.batchnorm._BatchNorm):
         axes = [0, *range(2, input.dim())]
         shape = [1, -1] + [1] * (input.dim() - 2)
         here = input.new_tensor(input.numel() // input.shape[1])
-        sums = _total(torch.cat([input.sum(axes), here[None]]))
+        sums = _all_reduce_sum(torch.cat([input.sum(axes), here[None]]))
         count = sums[-1].detach()
         mean = sums[:-1] / count
         centered = input - mean.view(shape)
         # Two passes: the difference of large sums would lose the variance in float32.
-        variance = _total(centered.square().sum(axes)) / count
+        variance = _all_reduce_sum(centered.square().sum(axes)) / count
         track(self, mean, variance, count)
         scale = self.weight * torch.rsqrt(variance + self.eps)
         return torch.addcmul(self.bias.view(shape), centered, scale.view(shape))

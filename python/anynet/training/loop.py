@@ -70,10 +70,10 @@ def train(
         validation = {name: open_datasets([name]) for name in recipe.validation}
     if not len(data):
         raise AnyNetError("no pairs to train on")
-    with process_group(recipe.device) as group, _locked(out) if group.first else nullcontext():
-        if group.first:
+    with process_group(recipe.device) as group, _locked(out) if group.is_main else nullcontext():
+        if group.is_main:
             _begin(recipe, out, resume)
-        group.wait()
+        group.barrier()
         return _Run(recipe, out, data, validation, group).go()
 
 
@@ -133,7 +133,7 @@ class _Run:
         averaging = get_ema_multi_avg_fn(recipe.ema_decay)  # type: ignore[no-untyped-call]
         self.average = AveragedModel(self.model, multi_avg_fn=averaging, use_buffers=True)
         self.parallel: nn.Module = self.model
-        if group.count > 1:
+        if group.world_size > 1:
             synchronize_batch_norm(self.model, group.device)
             unused = self.stages < self.model.config.stages
             self.parallel = DistributedDataParallel(self.model, broadcast_buffers=False, find_unused_parameters=unused)
@@ -146,8 +146,8 @@ class _Run:
         recipe = self.recipe
         loader = iter(batches(self.data, recipe, range(self.step, self.steps), self.group))
         validate_every = recipe.validate_every or self.steps
-        path = self.out / LOG if self.group.first else None
-        events = self.out / "tensorboard" if self.group.first and recipe.tensorboard else None
+        path = self.out / LOG if self.group.is_main else None
+        events = self.out / "tensorboard" if self.group.is_main and recipe.tensorboard else None
         with RunLog(path, self.step, self.steps, recipe.log_every, events) as log:
             while self.step < self.steps:
                 began = time.perf_counter()
@@ -156,14 +156,14 @@ class _Run:
                 losses, grad_norm = self._update(batch)
                 learning_rate = self.optimizer.param_groups[0]["lr"]
                 log.step(self.step, losses, grad_norm, learning_rate, time.perf_counter() - began, waited)
-                if not self.group.first:
+                if not self.group.is_main:
                     continue
                 last = self.step == self.steps
                 if last or self.step % recipe.checkpoint_every == 0:
                     self._save()
                 if self.validation and (last or self.step % validate_every == 0):
                     log.validation(self.step, self._validate())
-            if self.group.first:
+            if self.group.is_main:
                 self._export()
         return self.out / WEIGHTS
 
@@ -172,13 +172,13 @@ class _Run:
         recipe, group = self.recipe, self.group
         left, right, disparity, weights = (tensor.to(group.device, non_blocking=True) for tensor in batch)
         weights = loss_weights(disparity, weights)
-        total = group.total(weights.sum()).clamp(min=1)
+        total = group.all_reduce_sum(weights.sum()).clamp(min=1)
         with torch.autocast(group.device.type, torch.bfloat16, enabled=recipe.amp):
             outputs = self.parallel(_normalized(left), _normalized(right), self.stages)
         losses = stage_losses(outputs, disparity, weights, total, recipe.robust_scale)
         # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
-        (group.count * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
-        values: list[float] = group.total(losses.detach()).tolist()
+        (group.world_size * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
+        values: list[float] = group.all_reduce_sum(losses.detach()).tolist()
         for stage, value in enumerate(values, 1):
             if not math.isfinite(value):
                 raise AnyNetError(

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -158,3 +160,13 @@ def test_real_pair_in_metres(run: Run, tmp_path: Path) -> None:
     depth = cv2.imread(str(tmp_path / "000001_depth.tiff"), cv2.IMREAD_UNCHANGED)
     truth = read_disparity(data / "gt_depth_map" / "000001.png")  # the same format, in metres
     assert np.nanmedian(np.abs(depth - truth) / truth) < 0.1
+
+
+def test_a_pair_does_not_wait_for_what_it_does_not_need(pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+    code = (
+        "import sys; from anynet.cli import main; status = main(sys.argv[1:]); "
+        "print({'sympy', 'matplotlib', 'skimage', 'scipy', 'rich.progress'} & set(sys.modules)); sys.exit(status)"
+    )
+    command = [sys.executable, "-c", code, "predict", *pair, "--out", tmp_path, "--weights", weights]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == "set()"

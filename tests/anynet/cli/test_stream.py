@@ -251,3 +251,52 @@ def test_warnings_come_with_the_first_frame(run: Run, weights: Path, tmp_path: P
     assert any("swapped" in warning for warning in frame["warnings"])
     assert "anynet: 0: warning: left and right look swapped" in result.err
     assert run(*given, "--no-check").err == ""
+
+
+@pytest.mark.slow
+def test_from_a_board_to_depth(run: Run, tmp_path: Path) -> None:
+    """calibrate -> stream -> MCAP: rendered pictures of a board, then raw videos of a wall that comes nearer."""
+    reader = pytest.importorskip("mcap.reader", reason="the mcap library is not installed")
+    ros2 = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
+    from camera import rendering
+
+    true = rendering.rig()
+    sides = "left", "right"
+    for side in sides:
+        (tmp_path / side).mkdir()
+    for index, images in enumerate(rendering.pairs(*rendering.chessboard(9, 6, 0.025), 14)):
+        for side, image in zip(sides, images, strict=True):
+            write_image(tmp_path / side / f"{index:02}.png", image)
+    calib = tmp_path / "stereo.yaml"
+    result = run(
+        "calibrate", tmp_path / "left", tmp_path / "right", "--board", "9x6", "--square", 0.025, "--out", calib
+    )
+    assert result.status == 0, result.err
+
+    noise = np.random.default_rng(3).integers(0, 256, (300, 300, 3), dtype=np.uint8)
+    texture = cv2.resize(noise, (3000, 3000), interpolation=cv2.INTER_CUBIC)
+    depths = 1.6, 1.2, 0.9
+    directions = [rendering.rays(camera) for camera in (true.left, true.right)]
+    poses = (np.eye(3), np.zeros(3)), (true.rotation, true.translation)
+    for side, rays, (rotation, translation) in zip(sides, directions, poses, strict=True):
+        writer = cv2.VideoWriter(str(tmp_path / f"{side}.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, rendering.SIZE)
+        for depth in depths:
+            place = rotation @ [-1.5, -1.5, depth] + translation
+            writer.write(rendering.view(rays, rotation, place, texture, 1000.0)[..., ::-1].copy())
+        writer.release()
+
+    out = tmp_path / "out.mcap"
+    videos = tmp_path / "left.avi", tmp_path / "right.avi"
+    result = run("stream", *videos, "--calib", calib, "--every-frame", "--record", out, "--json")
+    assert result.status == 0, result.err
+    frames, summary = lines(result.out)
+    assert summary["frames"] == 3
+    assert not any("unrectified" in warning for warning in frames[0]["warnings"])
+    turned = true.rectify().rotations[0]
+    found = []
+    with open(out, "rb") as file:
+        decoders = [ros2.DecoderFactory()]
+        for _, _, _, message in reader.make_reader(file, decoders).iter_decoded_messages(["/stereo/points"]):
+            points = np.frombuffer(bytes(message.data), "<f4").reshape(-1, 4)[:, :3]
+            found.append(float(np.median((points @ turned)[:, 2])))  # in the raw left camera's frame
+    assert found == pytest.approx(depths, rel=0.03)

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anynet.data import open_datasets
-from anynet.data.rendered import Rendered, RenderedFolder, write_rendered
+from anynet.data.rendered import RenderedFolder, write_rendered
 from anynet.errors import AnyNetError
 from anynet.synthetic import render
 
@@ -30,25 +29,3 @@ def test_folder_of_another_size_is_refused(tmp_path: Path) -> None:
     list(write_rendered(tmp_path, 1, height=96, width=128))
     with pytest.raises(AnyNetError, match=r'asked for .*"height": 64'):
         list(write_rendered(tmp_path, 1, height=64, width=128))
-
-
-def test_specs(tmp_path: Path) -> None:
-    list(write_rendered(tmp_path, 2, height=96, width=128))
-    both = open_datasets([f"rendered:{tmp_path}", "render:1?seed=9&height=96&width=128"])
-    assert len(both) == 3
-    assert np.array_equal(both[2].left, Rendered(1, 9, 96, 128)[0].left)
-    assert len(both[1:]) == 2
-
-
-@pytest.mark.parametrize(
-    ("spec", "message"),
-    [
-        ("somewhere", "expected KIND:ROOT"),
-        ("moon:somewhere", "expected KIND:ROOT"),
-        ("rendered:somewhere?color=red", "unexpected keyword argument 'color'"),
-        ("rendered:/nowhere", "expected files NNNNNNN.npy written by `anynet render`, found none"),
-    ],
-)
-def test_wrong_specs(spec: str, message: str) -> None:
-    with pytest.raises(AnyNetError, match=message):
-        open_datasets([spec])

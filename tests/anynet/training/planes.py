@@ -1,19 +1,23 @@
-"""A trivial data set, and a training run on it to be started as a process of its own: planes.py OUT OPTIONS (JSON)."""
+"""A trivial data set, and training runs on it as processes of their own: planes.py OUT OPTIONS (JSON)."""
 
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from anynet.data import StereoSample
-from anynet.training.loop import train
+from anynet.training.loop import LOG, train
 from anynet.training.recipe import Recipe
 
-SMALL = {
+SMALL: dict[str, Any] = {
     "batch_size": 4,
     "crop_size": (64, 128),
     "augment": False,
@@ -22,6 +26,8 @@ SMALL = {
     "log_every": 1,
     "threads": 1,
 }
+
+RECIPE = Recipe(**SMALL, workers=0)
 
 
 class Planes(Sequence[StereoSample]):
@@ -33,7 +39,7 @@ class Planes(Sequence[StereoSample]):
     def __len__(self) -> int:
         return self._count
 
-    def __getitem__(self, index):
+    def __getitem__(self, index: int) -> StereoSample:  # type: ignore[override]
         if not 0 <= index < self._count:
             raise IndexError(index)
         rng = np.random.default_rng(index)
@@ -44,6 +50,22 @@ class Planes(Sequence[StereoSample]):
         valid = np.ones((height, width), bool)
         valid[: 10 * (index % 5)] = False
         return StereoSample(scene[:, :width], scene[:, shift : shift + width], disparity, valid, name=f"plane {index}")
+
+
+def log_lines(out: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (out / LOG).read_text().splitlines()]
+
+
+def start(out: Path, launcher: tuple[str, ...] = (), **options: Any) -> subprocess.Popen[str]:
+    """A process that trains in the folder `out`, with these options besides SMALL."""
+    command = [sys.executable, *launcher, __file__, str(out), json.dumps(options)]
+    path = os.pathsep.join(p for p in sys.path if p)
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, stderr=subprocess.PIPE, text=True)
+
+
+def finish(process: subprocess.Popen[str]) -> None:
+    _, errors = process.communicate(timeout=300)
+    assert process.returncode == 0, errors
 
 
 if __name__ == "__main__":

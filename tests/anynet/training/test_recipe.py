@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from anynet import AnyNetConfig
-from anynet.cli import main
 from anynet.errors import AnyNetError
 from anynet.training.recipe import PRESETS, Recipe, preset
 
 
-def test_the_papers_presets():
+def test_the_papers_presets() -> None:
     for name in ("paper-sceneflow", "paper-kitti"):
         recipe = PRESETS[name]
         assert (recipe.batch_size, recipe.crop_size, recipe.learning_rate) == (6, (256, 512), 5e-4)
@@ -26,7 +27,7 @@ def test_the_papers_presets():
     assert rates == pytest.approx([5e-4, 5e-4, 5e-5, 5e-5])
 
 
-def test_warmup_and_cosine():
+def test_warmup_and_cosine() -> None:
     recipe = Recipe(steps=1000, learning_rate=1.0, warmup_steps=9)
     rates = [recipe.learning_rate_at(step, 1000) for step in range(1000)]
     assert rates[0] == pytest.approx(0.1)
@@ -35,7 +36,7 @@ def test_warmup_and_cosine():
     assert 0 < rates[-1] < 1e-5
 
 
-def test_a_stored_recipe_is_the_same(tmp_path):
+def test_a_stored_recipe_is_the_same(tmp_path: Path) -> None:
     network = AnyNetConfig().with_options({"features.channels": 2, "first_stage.range": (0, 23)})
     recipe = replace(PRESETS["kitti"], data=("kitti2015:a", "eth3d:b"), network=network, epochs=None)
     file = tmp_path / "recipe.json"
@@ -44,7 +45,7 @@ def test_a_stored_recipe_is_the_same(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"network": {"depth": 3}}', '{"network": {}, "rate": 1e-3}'])
-def test_another_file_or_version_is_refused_in_one_line(tmp_path, text):
+def test_another_file_or_version_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     file = tmp_path / "recipe.json"
     file.write_text(text)
     with pytest.raises(AnyNetError, match=r"recipe\.json: expected a recipe of this version, got [^\n]*$"):
@@ -53,7 +54,7 @@ def test_another_file_or_version_is_refused_in_one_line(tmp_path, text):
         Recipe.load(tmp_path / "nowhere.json")
 
 
-def test_steps_replace_epochs():
+def test_steps_replace_epochs() -> None:
     assert preset("paper-kitti", steps=7).length(1000) == 7
     assert preset("default", epochs=2).length(600) == 200
     with pytest.raises(AnyNetError, match="either steps or epochs"):
@@ -63,7 +64,7 @@ def test_steps_replace_epochs():
 
 
 @pytest.mark.parametrize("weights", [(1.0, -1.0), (0.0, 0.0)])
-def test_stage_weights_must_weigh_something(weights):
+def test_stage_weights_must_weigh_something(weights: tuple[float, ...]) -> None:
     with pytest.raises(AnyNetError, match="none below 0 and one above"):
         Recipe(stage_weights=weights).stage_weights_of(2)
 
@@ -81,51 +82,13 @@ def test_stage_weights_must_weigh_something(weights):
         ({"max_grad_norm": -1.0}, "max_grad_norm must be positive or 0, got -1.0"),
     ],
 )
-def test_impossible_options(options, message):
+def test_impossible_options(options: dict[str, Any], message: str) -> None:
     with pytest.raises(AnyNetError, match=message):
         Recipe(**options)
 
 
-def test_resuming_may_change_how_to_run_but_not_what_to_learn():
+def test_resuming_may_change_how_to_run_but_not_what_to_learn() -> None:
     before = Recipe(steps=10)
     before.check_resumed(replace(before, workers=3, threads=1, log_every=1))
     with pytest.raises(AnyNetError, match="steps was 10 when the run began, so it cannot be 20"):
         before.check_resumed(replace(before, steps=20))
-
-
-def test_every_field_is_an_option(capsys, tmp_path, monkeypatch):
-    asked = []
-    monkeypatch.setattr("anynet.training.loop.train", lambda recipe, out, resume: asked.append(recipe) or out)
-    arguments = [
-        "--network",
-        "features.channels=2",
-        "--stage-weights",
-        "1",
-        "--stage-weights",
-        "2",
-        "--crop-size",
-        "64",
-        "128",
-    ]
-    arguments += ["--data", "render:3", "--data", "render:4", "--no-augment", "--schedule", "constant", "--epochs", "3"]
-    assert main(["train", "--out", str(tmp_path), *arguments]) == 0
-    expected = replace(
-        PRESETS["default"],
-        network=AnyNetConfig().with_options({"features.channels": 2}),
-        stage_weights=(1.0, 2.0),
-        crop_size=(64, 128),
-        data=("render:3", "render:4"),
-        augment=False,
-        schedule="constant",
-        epochs=3,
-        steps=None,
-    )
-    assert asked == [expected]
-    assert main(["finetune", "--out", str(tmp_path)]) == 0
-    assert asked[1] == PRESETS["kitti"]
-    capsys.readouterr()
-    assert main(["train", "--help"]) == 0
-    text = capsys.readouterr().out
-    assert all(f"--{field.name.replace('_', '-')}" in text for field in fields(Recipe))
-    assert main(["train", "--out", str(tmp_path), "--network", "depth=2"]) == 2
-    assert "expected options among input_scale" in capsys.readouterr().err

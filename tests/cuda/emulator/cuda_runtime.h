@@ -53,18 +53,6 @@ void block_barrier();
 /// Puts `bytes` of every lane of the calling warp into `all`, lane after lane; all its threads must call it.
 void exchange(const void* mine, size_t bytes, void* all);
 
-inline float half_to_float(uint16_t bits) {
-  _Float16 h;
-  memcpy(&h, &bits, sizeof(h));
-  return static_cast<float>(h);
-}
-inline uint16_t float_to_half(float f) {
-  const _Float16 h = static_cast<_Float16>(f);
-  uint16_t bits;
-  memcpy(&bits, &h, sizeof(bits));
-  return bits;
-}
-
 }  // namespace emulator
 
 #define threadIdx (::emulator::thread_index())

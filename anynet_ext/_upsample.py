@@ -1,0 +1,90 @@
+"""Upsampling fused with what follows it: sums of maps, skip connections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from anynet_ext import _library  # noqa: F401  (loads the operators)
+from anynet_ext._register import register_inference
+
+
+def upsample_sum(
+    maps: Sequence[Tensor], ratios: Sequence[int], height: int, width: int, *, gain: float = 1.0
+) -> Tensor:
+    """Maps upsampled to one size, and added: `gain * sum_i bilinear(maps[i])`, for inference on the CPU.
+
+    Interpolation is PyTorch's with align_corners=False, by `ratios[i]` (a power of two) in both directions; the result
+    is cropped to its top left `height` x `width`.
+
+    Args:
+        maps: 1 to 8, each [H_i, W_i] float32, contiguous, with ratios[i] * H_i >= height, and likewise across.
+
+    Returns:
+        [height, width] float32.
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype or shape.
+    """
+    out: Tensor = torch.ops.anynet.upsample_sum(list(maps), list(ratios), gain, height, width)
+    return out
+
+
+def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    """`relu(scale * cat([skip, upsampled coarse]) + shift)`: a U-Net's skip connection and the next epilogue.
+
+    Bilinear with align_corners=True. For inference on the CPU.
+
+    Args:
+        skip: [N, S, H, W] float32, contiguous, as are all.
+        coarse: [N, C, h, w].
+        scale, shift: [S + C].
+
+    Returns:
+        [N, S + C, H, W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype or shape.
+    """
+    out: Tensor = torch.ops.anynet.upsample_concat(skip, coarse, scale, shift)
+    return out
+
+
+def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    """`relu(scale * (input + upsampled coarse) + shift)`: an hourglass's skip connection and the next epilogue.
+
+    Trilinear with align_corners=False. For inference on the CPU.
+
+    Args:
+        input: [N, C, D, H, W] float32, contiguous, as are all.
+        coarse: [N, C, d, h, w].
+        scale, shift: [C].
+
+    Returns:
+        [N, C, D, H, W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype or shape.
+    """
+    out: Tensor = torch.ops.anynet.upsample_add(input, coarse, scale, shift)
+    return out
+
+
+def _fake_upsample_sum(maps: list[Tensor], ratios: list[int], gain: float, height: int, width: int) -> Tensor:
+    return maps[0].new_empty(height, width)
+
+
+def _fake_upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    n, _, h, w = skip.shape
+    return skip.new_empty(n, skip.shape[1] + coarse.shape[1], h, w)
+
+
+def _fake_upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
+    return torch.empty_like(input, memory_format=torch.contiguous_format)
+
+
+register_inference("upsample_sum", _fake_upsample_sum)
+register_inference("upsample_concat", _fake_upsample_concat)
+register_inference("upsample_add", _fake_upsample_add)

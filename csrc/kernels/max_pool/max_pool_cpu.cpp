@@ -1,0 +1,27 @@
+#include <algorithm>
+
+#include "../common/parallel.h"
+#include "max_pool.h"
+
+namespace anynet::ANYNET_ISA {
+
+template <class T>
+void max_pool(const MaxPool<T>& a, int threads) {
+  const int64_t height = a.height / 2, width = a.width / 2;
+  threads = useful_threads(threads, a.batch, a.channels, height, width, 4);
+  parallel_for(a.batch * a.channels * height, threads, [&](int64_t i) {
+    const int64_t plane = i / height, y = i % height;
+    const T* upper = a.in + (plane * a.height + 2 * y) * a.width;
+    const T* lower = upper + a.width;
+    const T scale = a.epilogue.scale[plane % a.channels], shift = a.epilogue.shift[plane % a.channels];
+    T* __restrict out = a.out + i * width;
+    for (int64_t x = 0; x < width; ++x) {
+      const T largest = std::max(std::max(upper[2 * x], upper[2 * x + 1]), std::max(lower[2 * x], lower[2 * x + 1]));
+      out[x] = std::max(scale * largest + shift, T(0));
+    }
+  });
+}
+
+template void max_pool<float>(const MaxPool<float>&, int);
+
+}  // namespace anynet::ANYNET_ISA

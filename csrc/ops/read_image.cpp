@@ -1,0 +1,36 @@
+#include "../kernels/read_image/read_image.h"
+
+#include "tensor.h"
+
+namespace anynet::ops {
+namespace {
+
+Tensor read_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t factor, int64_t block,
+                  int64_t height, int64_t width) {
+  check_image("read_image", image);
+  check_contiguous("read_image", "mean", mean, 1);
+  check_tensor("read_image", "mean", mean, {3}, mean);
+  check_contiguous("read_image", "std", std, 1);
+  check_tensor("read_image", "std", std, {3}, mean);
+  ANYNET_CHECK(factor == 1 || factor == 2 || factor == 4, "read_image: expected factor 1, 2 or 4, got ", factor);
+  ANYNET_CHECK(block == 1 || block == 2, "read_image: expected block 1 or 2, got ", block);
+  check_size("read_image", height, width);
+  Tensor out = empty_like(mean, {1, 3 * block * block, height, width});
+  const ReadImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   factor, block, height, width,
+                              data<float>(mean),    data<float>(std), data<float>(out)};
+  anynet::read_image(chosen_isa(), args, num_threads());
+  return out;
+}
+
+}  // namespace
+
+STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+  ANYNET_SCHEMA(
+      m,
+      "read_image(Tensor image, Tensor mean, Tensor std, int factor, int block, SymInt height, SymInt width) -> "
+      "Tensor");
+}
+
+STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) { m.impl("read_image", TORCH_BOX(&read_image)); }
+
+}  // namespace anynet::ops

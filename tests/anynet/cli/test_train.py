@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+
+import pytest
+
+from anynet import AnyNetConfig
+from anynet.cli import main
+from anynet.training.recipe import PRESETS, Recipe
+
+
+def test_every_field_is_an_option(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Recipe] = []
+    monkeypatch.setattr("anynet.training.loop.train", lambda recipe, out, resume: asked.append(recipe) or out)
+    arguments = [
+        "--network",
+        "features.channels=2",
+        "--stage-weights",
+        "1",
+        "--stage-weights",
+        "2",
+        "--crop-size",
+        "64",
+        "128",
+    ]
+    arguments += ["--data", "render:3", "--data", "render:4", "--no-augment", "--schedule", "constant", "--epochs", "3"]
+    assert main(["train", "--out", str(tmp_path), *arguments]) == 0
+    expected = replace(
+        PRESETS["default"],
+        network=AnyNetConfig().with_options({"features.channels": 2}),
+        stage_weights=(1.0, 2.0),
+        crop_size=(64, 128),
+        data=("render:3", "render:4"),
+        augment=False,
+        schedule="constant",
+        epochs=3,
+        steps=None,
+    )
+    assert asked == [expected]
+    assert main(["finetune", "--out", str(tmp_path)]) == 0
+    assert asked[1] == PRESETS["kitti"]
+    capsys.readouterr()
+    assert main(["train", "--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(f"--{field.name.replace('_', '-')}" in text for field in fields(Recipe))
+    assert main(["train", "--out", str(tmp_path), "--network", "depth=2"]) == 2
+    assert "expected options among input_scale" in capsys.readouterr().err

@@ -1,0 +1,90 @@
+"""upsample_sum, upsample_concat and upsample_add against `interpolate`."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import pytest
+import torch
+from inference_operator import Call, InferenceOperator, call, random
+
+import anynet_ext
+
+RATIOS = [16, 8, 4, 2, 1]
+
+
+def sum_call(height: int, width: int, crop: int) -> Call:
+    def make() -> tuple[tuple[Any, ...], dict[str, Any]]:
+        maps = [random(height * 16 // ratio, width * 16 // ratio) for ratio in RATIOS]
+        return call(maps, RATIOS, 16 * height - crop, 16 * width - crop, gain=1 / 8)
+
+    return make
+
+
+class TestUpsampleSum(InferenceOperator):
+    op = "upsample_sum"
+    cases: ClassVar = {
+        f"{height}x{width}-{crop}": sum_call(height, width, crop)
+        for height, width in [(1, 1), (1, 2), (3, 1), (2, 5), (5, 37)]
+        for crop in (0, 3)
+    }
+    errors: ClassVar = [
+        (lambda: call([random(2, 2)], [4], 9, 8), r"maps that cover 9 x 8, got \[2, 2\] times 4"),
+        (lambda: call([random(2, 2)], [4], 8, 9), r"maps that cover 8 x 9, got \[2, 2\] times 4"),
+        (lambda: call([random(2, 2)], [3], 6, 6), "power of two, got 3"),
+        (lambda: call([random(2, 2)], [-4], 6, 6), "power of two, got -4"),
+        (lambda: call([random(2, 2)] * 9, [4] * 9, 8, 8), "1 to 8 maps and as many ratios, got 9 and 9"),
+        (lambda: call([random(2, 2)], [4, 4], 8, 8), "1 to 8 maps and as many ratios, got 1 and 2"),
+        (lambda: call([random(2, 2)], [4], 0, 8), "at least one pixel and at most .* got 0 x 8"),
+        (lambda: call([random(2, 2)], [2**62], 2**40, 1), "at most 2\\^30 along each side, got 1099511627776 x 1"),
+        (lambda: call([random(2, 0)], [2**62], 1, 1), r"maps that cover 1 x 1, got \[2, 0\]"),
+    ]
+
+
+@pytest.mark.parametrize("ratio", [2**40, 2**62])
+def test_a_ratio_far_beyond_the_result(ratio: int) -> None:
+    """Takes neither the memory of what is cropped nor a product that overflows."""
+    out = anynet_ext.upsample_sum([torch.tensor([[3.0, 5.0]])], [ratio], 16, 300)
+    assert torch.equal(out, torch.full((16, 300), 3.0))
+
+
+def concat_call(size: tuple[int, int], coarse: tuple[int, int]) -> Call:
+    return lambda: call(random(2, 3, *size), random(2, 4, *coarse), random(7), random(8)[1:].clone())
+
+
+class TestUpsampleConcat(InferenceOperator):
+    op = "upsample_concat"
+    cases: ClassVar = {
+        f"{size}-{coarse}": concat_call(size, coarse)
+        for size in [(2, 2), (1, 1), (7, 19), (10, 64), (60, 200), (0, 4)]
+        for coarse in [(1, 1), (1, 3), (4, 10), (5, 32)]
+    }
+    errors: ClassVar = [
+        (
+            lambda: call(random(1, 2, 4, 4), random(1, 1, 2, 2), random(2), random(2)),
+            r"scale of shape \[3\], got \[2\]",
+        ),
+        (lambda: call(random(2, 2, 4, 4), random(1, 1, 2, 2), random(3), random(3)), "coarse of skip's batch size"),
+        (lambda: call(random(1, 2, 4, 4), random(1, 1, 0, 2), random(3), random(3)), "at least one pixel"),
+    ]
+
+
+def add_call(size: tuple[int, int, int], coarse: tuple[int, int, int]) -> Call:
+    return lambda: call(random(2, 3, *size), random(2, 3, *coarse), random(3), random(4)[1:].clone())
+
+
+class TestUpsampleAdd(InferenceOperator):
+    op = "upsample_add"
+    cases: ClassVar = {
+        f"{size}-{coarse}": add_call(size, coarse)
+        for size in [(2, 2, 3), (1, 1, 1), (5, 7, 19), (4, 10, 64), (6, 30, 90), (2, 0, 3)]
+        for coarse in [(1, 1, 1), (3, 1, 2), (2, 5, 32)]
+    }
+    errors: ClassVar = [
+        (
+            lambda: call(random(1, 2, 2, 4, 4), random(1, 3, 1, 2, 2), random(2), random(2)),
+            r"coarse of input's batch size and channels.* got \[1, 3, 1, 2, 2\]",
+        ),
+        (lambda: call(random(1, 2, 2, 4, 4), random(1, 2, 1, 2, 2), random(3), random(2)), r"scale of shape \[2\]"),
+        (lambda: call(random(2, 2, 4, 4), random(1, 2, 1, 2, 2), random(2), random(2)), "tensor of 5 dimensions"),
+    ]
