@@ -20,10 +20,9 @@ from torch import Tensor
 from anynet.checkpoint import load_checkpoint
 from anynet.errors import AnyNetError
 from anynet.model.deploy import DeployedAnyNet
-from anynet.scheduler import LatencyTable
+from anynet.scheduler import MAX_THREADS, LatencyTable
 from anynet.shutdown import computing
 
-THREADS = 256  # at most: starting many more ends the process
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 
 
@@ -62,8 +61,8 @@ class Predictor:
         threads: int | None = None,
         input_scale: float | None = None,
     ) -> None:
-        if threads is not None and (type(threads) is not int or not 1 <= threads <= THREADS):
-            raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {THREADS}, got {threads!r}")
+        if threads is not None and (type(threads) is not int or not 1 <= threads <= MAX_THREADS):
+            raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
         self._network = DeployedAnyNet(load_checkpoint(weights, input_scale))
         self.config = self._network.config
         self.threads = threads

@@ -19,7 +19,9 @@ from torch.overrides import TorchFunctionMode
 import anynet_ext
 from anynet import AnyNet
 
-SCRIPTS = sorted(path.name for path in Path(measure.__file__).parent.glob("*.py") if path.name != "measure.py")
+SCRIPTS = sorted(
+    path.name for path in Path(measure.__file__).parent.glob("*.py") if path.name not in ("measure.py", "peers.py")
+)
 
 
 class Calls(TorchFunctionMode):

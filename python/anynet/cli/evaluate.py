@@ -13,6 +13,7 @@ from rich.console import Console
 
 from anynet.cli.told import telling_warnings
 from anynet.errors import AnyNetError
+from anynet.scheduler import MAX_THREADS
 
 
 class OpenCV(str, Enum):
@@ -46,7 +47,9 @@ def evaluate(
     splits: Annotated[
         bool, typer.Option("--splits", help="Each weights on its own data, in order: mean and deviation of the splits.")
     ] = False,
-    threads: Annotated[int | None, typer.Option(help="CPU threads. Default: PyTorch's.", min=1)] = None,
+    threads: Annotated[
+        int | None, typer.Option(help="CPU threads. Default: PyTorch's.", min=1, max=MAX_THREADS)
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for results.md, results.json and a figure per method and data set.")
     ] = None,
@@ -69,6 +72,9 @@ def evaluate(
     for choice in method or []:
         methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))
     datasets = [open_dataset(spec) for spec in data]
+    for spec, dataset in zip(data, datasets, strict=True):
+        if not len(dataset):
+            raise AnyNetError(f"data set {spec!r}: expected at least one sample, got none")
     regions = [choice.value for choice in region or [Region.all]]
     if splits and (len(methods) != len(data) or len(regions) > 1):
         raise AnyNetError(
@@ -80,6 +86,8 @@ def evaluate(
     rounds = (
         [(dict([m]), d) for m, d in zip(methods, named, strict=True)] if splits else [(dict(methods), d) for d in named]
     )
+    if out is not None:
+        make_folder(out)  # before the work, not after it
     progress = Console(stderr=True)
     results: report.Results = {}
     numbers = count()  # of the figures
@@ -91,7 +99,6 @@ def evaluate(
             for (name, where), evaluation in compare(runs, samples, regions).items():
                 results[name, spec, where] = evaluation
         if out is not None:
-            make_folder(out)
             for run in runs.values():
                 write_image(out / f"{next(numbers)}.png", report.figure(run, samples[0]))
     text = report.splits_markdown(list(results.values())) if splits else report.markdown(results)

@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 import io
+import math
+import re
+import warnings
 import zipfile
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
 from anynet.errors import AnyNetError
-from anynet.io.files import read_bytes, write_atomically
+from anynet.io.files import check_size, read_bytes, telling_damage, write_atomically
 from anynet.io.images import open_image
 
 KITTI_SCALE = 256  # PNG levels per pixel of disparity
+FORMATS = (".png", ".pfm", ".npy", ".npz", ".tif", ".tiff")
+_LARGEST = 1e6  # pixels or meters; beyond it the file means something else, such as the other byte order
+_MEMBERS = 1000  # most entries of an archive; each takes memory before it is looked at
+_PFM = re.compile(
+    rb"(?P<magic>P[A-Za-z0-9])(?:\s|#[^\n]*\n)+(?P<width>\d{1,10})(?:\s|#[^\n]*\n)+(?P<height>\d{1,10})"
+    rb"(?:\s|#[^\n]*\n)+(?P<scale>[-+.\deE]{1,40})[ \t]*\r?\n"
+)
 
 
 def read_disparity(path: str | Path, scale: float | None = None) -> npt.NDArray[np.float32]:
-    """Reads a disparity map, pixels, from PNG, PFM, NPY or NPZ.
+    """Reads a disparity map, pixels, from PNG, PFM, NPY, NPZ, or a TIFF such as `write_depth` makes.
+
+    Warns if there are negative values: AnyNet's disparities are positive.
 
     Args:
         path: the file. A PNG has one channel and 0 where unknown; the other formats have NaN or infinity there.
@@ -28,18 +41,32 @@ def read_disparity(path: str | Path, scale: float | None = None) -> npt.NDArray[
         float32 [H, W], NaN where unknown.
 
     Raises:
-        AnyNetError: if the file is missing, damaged, or does not hold one disparity map.
+        AnyNetError: if the file is missing, damaged, or does not hold one disparity map; or has more than
+            `anynet.io.files.max_pixels`, or values beyond a million.
     """
+    if scale is not None and not 0 < scale < math.inf:
+        raise AnyNetError(f"{path}: expected scale > 0, got {scale}")
     suffix = Path(path).suffix.lower()
     if suffix == ".png":
         disparity = _read_png(path, scale)
     elif suffix == ".pfm":
         disparity = _read_pfm(path)
-    elif suffix in (".npy", ".npz"):
-        disparity = _read_numpy(path)
+    elif suffix == ".npy":
+        disparity = _read_npy(path, read_bytes(path))
+    elif suffix == ".npz":
+        disparity = _read_npz(path)
+    elif suffix in (".tif", ".tiff"):
+        disparity = _read_tiff(path)
     else:
-        raise AnyNetError(f"{path}: expected a disparity map in a .png, .pfm, .npy or .npz file")
+        raise AnyNetError(f"{path}: expected a disparity map in a .png, .pfm, .npy, .npz or .tiff file")
     disparity[~np.isfinite(disparity)] = np.nan
+    largest = float(np.fmax.reduce(np.abs(disparity), axis=None))
+    if largest > _LARGEST:
+        raise AnyNetError(f"{path}: expected values up to {_LARGEST:g}, got {largest:g}")
+    negative = np.count_nonzero(disparity < 0)
+    if negative:
+        known = np.count_nonzero(np.isfinite(disparity))
+        warnings.warn(f"{path}: {negative} of {known} known values are negative", stacklevel=2)
     return disparity
 
 
@@ -90,38 +117,76 @@ def _encode_png(path: str | Path, disparity: npt.NDArray[np.float32]) -> bytes:
     return buffer.getvalue()
 
 
+def _read_tiff(path: str | Path) -> npt.NDArray[np.float32]:
+    image = open_image(path)
+    if image.mode != "F":
+        raise AnyNetError(f"{path}: expected a TIFF of 32-bit floating point, got an image of mode {image.mode}")
+    return np.array(image, dtype=np.float32)
+
+
 def _read_pfm(path: str | Path) -> npt.NDArray[np.float32]:
     """The header's scale tells the byte order by its sign; its magnitude is a unit of brightness, not of disparity."""
-    parts = read_bytes(path).split(
-        None, 3
-    )  # magic, width, height, rest: the samples may start with a byte like a blank
-    try:
-        magic, width, height = parts[0], int(parts[1]), int(parts[2])
-        scale, samples = parts[3].split(b"\n", 1)
-        little = float(scale) < 0
-    except (IndexError, ValueError) as error:
-        raise AnyNetError(f"{path}: not a PFM file") from error
-    if magic != b"Pf":
+    data = read_bytes(path)
+    header = _PFM.match(data[:1000])
+    if header is None:
+        raise AnyNetError(f"{path}: not a PFM file")
+    if header["magic"] != b"Pf":
+        raise AnyNetError(f"{path}: expected a PFM file of one channel (Pf), got {header['magic'].decode()!r}")
+    with telling_damage(path, "not a PFM file"):
+        width, height, scale = int(header["width"]), int(header["height"]), float(header["scale"])
+    check_size(path, width, height)
+    if not 0 < abs(scale) < math.inf:
+        raise AnyNetError(f"{path}: expected a scale that tells the byte order by its sign, got {scale:g}")
+    pixels = width * height
+    surplus = len(data) - header.end() - 4 * pixels
+    if not 0 <= surplus <= 2:  # an editor or script may have ended the last line
         raise AnyNetError(
-            f"{path}: expected a PFM file of one channel (Pf), got {magic.decode(errors='replace')[:8]!r}"
+            f"{path}: expected {4 * pixels} bytes for {width} x {height} pixels, got {len(data) - header.end()}"
         )
-    if len(samples) != 4 * width * height:
-        raise AnyNetError(
-            f"{path}: expected {4 * width * height} bytes for {width} x {height} pixels, got {len(samples)}"
-        )
-    values = np.frombuffer(samples, "<f4" if little else ">f4").reshape(height, width)
+    values = np.frombuffer(data, "<f4" if scale < 0 else ">f4", pixels, header.end()).reshape(height, width)
     return values[::-1].astype(np.float32)  # rows are stored from the bottom up
 
 
-def _read_numpy(path: str | Path) -> npt.NDArray[np.float32]:
-    try:
-        loaded = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
-        arrays = {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
-    except (ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise AnyNetError(f"{path}: not a NumPy file of plain numbers ({error})") from error
-    if len(arrays) != 1:
-        raise AnyNetError(f"{path}: expected one array, got {sorted(arrays)}")
-    (array,) = arrays.values()
-    if array.ndim != 2 or array.dtype.kind not in "fiu":
-        raise AnyNetError(f"{path}: expected numbers of shape [H, W], got {array.dtype} {list(array.shape)}")
-    return np.array(array, dtype=np.float32)
+def _read_npz(path: str | Path) -> npt.NDArray[np.float32]:
+    data = read_bytes(path)
+    if data.count(b"PK\x01\x02") > _MEMBERS:
+        raise AnyNetError(f"{path}: expected an archive of one array, got more than {_MEMBERS} members")
+    with telling_damage(path, "not a NumPy file of plain numbers"), zipfile.ZipFile(io.BytesIO(data)) as archive:
+        members = archive.infolist()
+        if len(members) != 1:
+            names = ", ".join(member.filename for member in members[:8])
+            raise AnyNetError(f"{path}: expected one array, got {' '.join(names.split()) or 'none'}")
+        (member,) = members
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others decode without a limit
+            raise AnyNetError(f"{path}: expected an array stored or deflated as NumPy does it")
+        with archive.open(member) as file:
+            return _read_array(path, file, member.file_size)
+
+
+def _read_npy(path: str | Path, data: bytes) -> npt.NDArray[np.float32]:
+    with telling_damage(path, "not a NumPy file of plain numbers"):
+        return _read_array(path, io.BytesIO(data), len(data))
+
+
+def _read_array(path: str | Path, file: IO[bytes], length: int) -> npt.NDArray[np.float32]:
+    """The array of an .npy file of that length, whose header is checked before memory is taken for the rest."""
+    version = np.lib.format.read_magic(file)
+    reading = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in reading:
+        raise AnyNetError(f"{path}: expected a NumPy file of version 1 or 2, got {version[0]}.{version[1]}")
+    shape, fortran, dtype = reading[version](file)
+    if len(shape) != 2 or dtype.kind not in "fiu" or dtype.itemsize > 8:
+        raise AnyNetError(f"{path}: expected numbers of shape [H, W], got {dtype} {list(shape)}")
+    height, width = shape
+    check_size(path, width, height)
+    wanted = height * width * dtype.itemsize
+    if length - file.tell() != wanted:
+        raise AnyNetError(
+            f"{path}: expected {wanted} bytes for {width} x {height} pixels, got {max(0, length - file.tell())}"
+        )
+    data = file.read(wanted)
+    if len(data) != wanted or file.read(1):
+        raise AnyNetError(f"{path}: expected {wanted} bytes for {width} x {height} pixels, got {len(data)}")
+    array = np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")
+    with np.errstate(over="ignore"):
+        return np.array(array, dtype=np.float32, order="C")

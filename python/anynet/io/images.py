@@ -1,67 +1,100 @@
-"""Images, through Pillow: unlike OpenCV it refuses a truncated file and tells grey, alpha and 16-bit images apart."""
+"""Images, through Pillow: unlike OpenCV it refuses a truncated file and tells gray, alpha and 16-bit images apart."""
 
 from __future__ import annotations
 
 import io
 import warnings
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageFile, UnidentifiedImageError
 
-from anynet.errors import AnyNetError
-from anynet.io.files import read_bytes, write_atomically
+from anynet.errors import AnyNetError, one_line
+from anynet.io.files import check_size, max_pixels, read_bytes, telling_damage, write_atomically
+
+# Those that cameras and data sets use, without those that Pillow hands to other programs (EPS).
+FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP", "WEBP", "GIF", "JPEG2000", "TGA", "AVIF")
+_SCANS = 10  # of a JPEG of most pixels: each costs as much as decoding them all
+_SLOW_PIXELS = 2**20  # most that Pillow's decoders in Python are trusted with
+
+# What EXIF's orientation says to do with the stored pixels.
+_UPRIGHT = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_270,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_90,
+}
+Levels = npt.NDArray[Any]  # uint8 or uint16
+
+
+def endings() -> set[str]:
+    """The endings of file names that images have, such as .png."""
+    return {ending for ending, kind in Image.registered_extensions().items() if kind in FORMATS}
 
 
 def open_image(path: str | Path) -> Image.Image:
-    """The decoded image as Pillow has it.
+    """The decoded image as Pillow has it, turned as its EXIF orientation says; of an animation the first frame.
 
     Raises:
-        AnyNetError: if the file is missing, truncated or not an image.
+        AnyNetError: if the file is missing, truncated or not an image, or has more than `max_pixels`.
     """
-    data = read_bytes(path)
-    try:
-        image = Image.open(io.BytesIO(data))
-        image.load()
-    except UnidentifiedImageError as error:
-        raise AnyNetError(f"cannot read {path}: not an image of a known format") from error
-    except Exception as error:  # a damaged file raises whatever its decoder meets first
-        raise AnyNetError(f"cannot read {path}: damaged image ({error})") from error
-    return image
+    return _upright(path, _open(path, read_bytes(path)))[0]
 
 
-def read_image(path: str | Path) -> npt.NDArray[np.uint8]:
-    """Reads an image as 8-bit RGB, uint8 [H, W, 3].
-
-    Grey images are repeated over the three channels. 16-bit values are scaled so that 65535 becomes 255, the same for
-    every image, so that both images of a pair stay alike. An alpha channel is dropped with a warning.
+def image_size(path: str | Path) -> tuple[int, int]:
+    """Width and height as stored, without decoding the pixels.
 
     Raises:
-        AnyNetError: if the file is missing, damaged, not an image, or of another type (floating point, 32-bit).
+        AnyNetError: as `open_image`.
     """
-    image = open_image(path)
-    if image.mode.startswith("I;16"):
-        grey = np.round(np.asarray(image) / 257).astype(np.uint8)
-        return np.repeat(grey[..., None], 3, axis=2)
-    if image.mode in ("I", "F"):
-        raise AnyNetError(f"{path}: expected an image of 8 or 16 bits per channel, got 32 bits (mode {image.mode})")
-    if image.mode in ("LA", "La", "PA", "RGBA", "RGBa"):
-        warnings.warn(f"{path}: the alpha channel is ignored", stacklevel=2)
-    return np.array(image.convert("RGB"))
+    return _open(path, read_bytes(path)).size
+
+
+def read_image(path: str | Path, bits: int | None = None) -> npt.NDArray[np.uint8]:
+    """Reads an image as 8-bit RGB, uint8 [H, W, 3], upright as its EXIF orientation says.
+
+    Gray images are repeated over the three channels. An alpha channel is dropped with a warning.
+
+    Args:
+        path: the file.
+        bits: how many of an image's 16 bits are used: 2**bits - 1 becomes 255. By default 16, with a warning if the
+            image uses fewer. Both images of a pair need the same; `read_pair` finds it.
+
+    Raises:
+        AnyNetError: if the file is missing, damaged, not an image, or of another type (floating point, 32-bit), or has
+            more than `max_pixels`.
+    """
+    levels = _levels(path)
+    if bits is None:
+        bits = 16
+        used = _bits(levels)
+        if levels.dtype == np.uint16 and used < bits:
+            warnings.warn(f"{path}: uses {used} of its 16 bits and so is dark; see `bits`", stacklevel=2)
+    elif not 8 <= bits <= 16:
+        raise AnyNetError(f"expected bits from 8 to 16, got {bits}")
+    return _to_8_bits(levels, bits)
 
 
 def read_pair(left: str | Path, right: str | Path) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
     """Reads the two images of a pair, as `read_image` does.
 
+    Images of 16 bits are scaled alike, by the bits that the brighter one uses: 8, 10, 12, 14 or 16.
+
     Raises:
         AnyNetError: if one of them cannot be read, or they differ in size.
     """
-    images = read_image(left), read_image(right)
-    if images[0].shape != images[1].shape:
+    images = _levels(left), _levels(right)
+    if images[0].shape[:2] != images[1].shape[:2]:
         sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in images)
         raise AnyNetError(f"expected two images of one size, got {sizes} ({left}, {right})")
-    return images
+    bits = max(_bits(image) for image in images)
+    return _to_8_bits(images[0], bits), _to_8_bits(images[1], bits)
 
 
 def write_image(path: str | Path, image: npt.NDArray[np.uint8]) -> None:
@@ -71,8 +104,124 @@ def write_image(path: str | Path, image: npt.NDArray[np.uint8]) -> None:
         AnyNetError: if the name has no known ending, or the file cannot be written.
     """
     image_format = Image.registered_extensions().get(Path(path).suffix.lower())
-    if image_format is None:
+    if image_format not in FORMATS:
         raise AnyNetError(f"{path}: expected a name ending like an image format, such as .png")
     buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, format=image_format)
+    try:
+        Image.fromarray(image).save(buffer, format=image_format)
+    except Exception as error:  # such as a size that the format does not hold
+        raise AnyNetError(f"cannot write {path}: {one_line(error)}") from error
     write_atomically(path, buffer.getvalue())
+
+
+def _open(path: str | Path, data: bytes) -> ImageFile.ImageFile:
+    """The image with its header read and its size checked."""
+    Image.init()
+    if Image.MAX_IMAGE_PIXELS is not None and max_pixels() > Image.MAX_IMAGE_PIXELS:
+        Image.MAX_IMAGE_PIXELS = max_pixels()  # the user has raised the limit, so Pillow's must follow
+    with telling_damage(path, "damaged image"):
+        try:
+            image = Image.open(io.BytesIO(data), formats=[kind for kind in FORMATS if kind in Image.OPEN])
+        except UnidentifiedImageError:
+            raise AnyNetError(f"cannot read {path}: not an image of a known format") from None
+        except Image.DecompressionBombError as error:
+            raise AnyNetError(f"{path}: expected at most {max_pixels()} pixels; {one_line(error)}") from None
+        check_size(path, *image.size)
+    pixels = image.width * image.height
+    if image.format in ("JPEG", "MPO") and data.count(b"\xff\xda") * pixels > _SCANS * max_pixels():
+        raise AnyNetError(f"{path}: expected a JPEG of {image.width} x {image.height} pixels to have fewer scans")
+    return image
+
+
+def _upright(path: str | Path, image: ImageFile.ImageFile) -> tuple[Image.Image, int]:
+    """The image decoded and turned, and the orientation that it is stored in."""
+    if image.tile and image.tile[0].codec_name.startswith("ppm") and image.width * image.height > _SLOW_PIXELS:
+        raise AnyNetError(f"{path}: expected binary values up to 255 or 65535 in a PPM or PGM of this size")
+    with telling_damage(path, "damaged image"):
+        if image.format == "TIFF":  # Pillow turns it on loading, and then forgets that it did
+            orientation = _orientation(image)
+            image.load()
+            return image, orientation
+        image.load()
+        orientation = _orientation(image)  # a PNG may tell it behind the pixels
+        return (image.transpose(_UPRIGHT[orientation]) if orientation in _UPRIGHT else image), orientation
+
+
+def _orientation(image: Image.Image) -> int:
+    try:
+        orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
+    except Exception:  # damaged metadata: viewers show the image as it is stored
+        return 1
+    return orientation if isinstance(orientation, int) else 1
+
+
+def _levels(path: str | Path) -> Levels:
+    """The image's own levels, uint8 or uint16, gray [H, W] or RGB [H, W, 3], upright."""
+    data = read_bytes(path)
+    stored = _open(path, data)
+    if stored.format == "PPM" and data[:2] in (b"P5", b"P6"):
+        return _ppm_levels(path, data, stored)
+    # Pillow decodes 16-bit colors to 8 bits.
+    deep_color = stored.mode in ("RGB", "RGBA") and any(";16" in str(tile.args) for tile in stored.tile)
+    image, orientation = _upright(path, stored)
+    if image.mode in ("LA", "La", "PA", "RGBA", "RGBa"):
+        warnings.warn(f"{path}: the alpha channel is ignored", stacklevel=3)
+    with telling_damage(path, "damaged image"):
+        if image.mode.startswith("I;16") or (image.mode == "I" and stored.format == "PNG"):
+            return np.asarray(image).astype(np.uint16)
+        if image.mode in ("I", "F"):
+            raise AnyNetError(f"{path}: expected an image of 8 or 16 bits per channel, got 32 bits (mode {image.mode})")
+        rgb = np.array(image.convert("RGB"))
+        return _deep_color(data, orientation, rgb) if deep_color else rgb
+
+
+def _deep_color(data: bytes, orientation: int, rgb: npt.NDArray[np.uint8]) -> Levels:
+    """All 16 bits of the RGB image of whose levels Pillow gives the upper 8; these alone, if OpenCV has others."""
+    stored: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if stored is None or stored.dtype != np.uint16 or stored.ndim != 3 or stored.shape[2] < 3:
+        return rgb
+    channels = [Image.fromarray(np.ascontiguousarray(stored[..., channel])) for channel in (2, 1, 0)]
+    turned = [channel.transpose(_UPRIGHT[orientation]) for channel in channels] if orientation in _UPRIGHT else []
+    for candidate in (channels, turned):  # OpenCV turns some files, and some not
+        levels: Levels = np.dstack([np.asarray(channel) for channel in candidate]) if candidate else rgb[:0]
+        if levels.shape == rgb.shape and np.array_equal(levels >> 8, rgb):
+            return levels
+    return rgb
+
+
+def _ppm_levels(path: str | Path, data: bytes, image: ImageFile.ImageFile) -> Levels:
+    """Of binary PPM and PGM: Pillow decodes maxima other than 255 and 65535 slowly, and colors to 8 bits."""
+    args, offset = image.tile[0].args, image.tile[0].offset
+    maximum = int(args[-1]) if isinstance(args, tuple) else 65535 if args == "I;16B" else 255
+    stored, full = (np.dtype(np.uint8), 255) if maximum < 256 else (np.dtype(">u2"), 65535)
+    shape = (image.height, image.width, 3)[: 2 if data[:2] == b"P5" else 3]
+    needed = int(np.prod(shape, dtype=np.int64)) * stored.itemsize
+    if len(data) - offset < needed:
+        raise AnyNetError(f"cannot read {path}: expected {needed} bytes of pixels, got {max(0, len(data) - offset)}")
+    levels: npt.NDArray[Any] = np.frombuffer(data, stored, needed // stored.itemsize, offset).reshape(shape)
+    if maximum == full:
+        return levels.astype(stored.newbyteorder("="))
+    table = np.round(np.arange(full + 1) * (full / maximum)).clip(max=full)
+    return _looked_up(levels, table.astype(stored.newbyteorder("=")))
+
+
+def _bits(levels: Levels) -> int:
+    """How many bits the levels use, among those that sensors have."""
+    return max(8, 2 * ((int(levels.max()).bit_length() + 1) // 2))
+
+
+def _to_8_bits(levels: Levels, bits: int) -> npt.NDArray[np.uint8]:
+    """RGB [H, W, 3]; a level of 16 bits is scaled so that 2**bits - 1 becomes 255."""
+    result: npt.NDArray[Any] = levels
+    if levels.dtype == np.uint16:
+        table = np.round(np.arange(2**16) * (255 / (2**bits - 1))).clip(max=255).astype(np.uint8)
+        result = _looked_up(levels, table)
+    return np.repeat(result[..., None], 3, axis=2) if result.ndim == 2 else result
+
+
+def _looked_up(levels: npt.NDArray[Any], table: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """table[levels], row by row: NumPy takes 8 bytes per index."""
+    found = np.empty(levels.shape, table.dtype)
+    for row, stored in zip(found, levels, strict=True):
+        row[...] = table[stored]
+    return found

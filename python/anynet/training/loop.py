@@ -22,7 +22,7 @@ from anynet.checkpoint import load_checkpoint, load_partial, save_checkpoint
 from anynet.data import StereoSample, open_datasets
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
-from anynet.io.files import make_folder, write_atomically
+from anynet.io.files import make_folder, read_bytes, remove_unfinished, telling_damage, write_atomically
 from anynet.model.anynet import AnyNet
 from anynet.model.config import MEAN, STD
 from anynet.predictor import Predictor
@@ -85,7 +85,10 @@ def _locked(out: Path) -> Iterator[None]:
         held = filelock.FileLock(out / LOCK).acquire(timeout=PATIENCE)
     except filelock.Timeout:
         raise AnyNetError(f"{out}: another process is training there") from None
+    except OSError as error:
+        raise AnyNetError(f"cannot write {out / LOCK}: {error.strerror}") from error
     with held:
+        remove_unfinished(out)  # of a run that was killed
         yield
 
 
@@ -211,11 +214,16 @@ class _Run:
 
     def _restore(self) -> None:
         # The data and the learning rate of a step follow from its number, and nothing else in a step is random.
-        state = torch.load(self.out / CHECKPOINT, map_location=self.group.device, weights_only=True)
-        self.step = state["step"]
-        self.model.load_state_dict(state["model"])
-        self.average.load_state_dict(state["average"])
-        self.optimizer.load_state_dict(state["optimizer"])
+        path = self.out / CHECKPOINT
+        content = io.BytesIO(read_bytes(path))
+        with telling_damage(path, "not a sound checkpoint of this run"):
+            state = torch.load(content, map_location=self.group.device, weights_only=True)
+            if not isinstance(state["step"], int) or not 0 <= state["step"] <= self.steps:
+                raise AnyNetError(f"{path}: expected a step from 0 to {self.steps}, got {state['step']}")
+            self.step = state["step"]
+            self.model.load_state_dict(state["model"])
+            self.average.load_state_dict(state["average"])
+            self.optimizer.load_state_dict(state["optimizer"])
 
     def _export(self) -> None:
         recipe = json.loads(self.recipe.to_json())

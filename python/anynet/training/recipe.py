@@ -7,18 +7,45 @@ import json
 import math
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from anynet.errors import AnyNetError
+from anynet.errors import AnyNetError, one_line
+from anynet.io.files import read_text
 from anynet.model import presets
 from anynet.model.config import AnyNetConfig, as_tuples
+from anynet.scheduler import MAX_THREADS
 
 Schedule = Literal["constant", "step", "cosine"]
+
+
+_BOUNDS = {
+    "threads": (1, MAX_THREADS),
+    "workers": (0, MAX_THREADS),
+    "seed": (0, 2**63 - 1),
+    "warmup_steps": (0, 2**31 - 1),
+    "milestone": (0, 1),
+}
 
 
 def _option(default: Any, help: str, *, runtime: bool = False) -> Any:
     """A field with its help text. `runtime`: says how to run, not what to learn, so it may change when resuming."""
     return field(default=default, metadata={"help": help, "runtime": runtime})
+
+
+def _is(value: Any, kind: Any) -> bool:
+    """Whether the value is of the annotated type; whole numbers are floats too."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return any(_is(value, one) for one in inner)
+    if origin is Literal:
+        return isinstance(value, str)
+    if origin is tuple:
+        kinds = [inner[0]] * len(value) if inner[-1] is ... and isinstance(value, (tuple, list)) else inner
+        return isinstance(value, (tuple, list)) and len(value) == len(kinds) and all(map(_is, value, kinds))
+    if kind in (int, float):
+        return isinstance(value, (int, float) if kind is float else int) and not isinstance(value, bool)
+    return isinstance(value, kind)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +100,14 @@ class Recipe:
     tensorboard: bool = _option(False, "Write TensorBoard events as well as the log.", runtime=True)
 
     def __post_init__(self) -> None:
+        for name, kind in get_type_hints(Recipe).items():
+            if not _is(getattr(self, name), kind):
+                expected = kind.__name__ if isinstance(kind, type) else str(kind).replace("typing.", "")
+                raise AnyNetError(f"{name}: expected {expected}, got {getattr(self, name)!r:.100}")
+        for name, (low, high) in _BOUNDS.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise AnyNetError(f"{name}: expected {low} to {high}, got {value}")
         for name in ("batch_size", "log_every", "checkpoint_every", "validate_every", "steps", "epochs"):
             value = getattr(self, name)
             if value is not None and value < 1:
@@ -127,15 +162,14 @@ class Recipe:
     @classmethod
     def load(cls, path: Path) -> Recipe:
         """The recipe in a file of `to_json`. Those of versions with other options are refused."""
+        text = read_text(path)
         try:
-            values = json.loads(path.read_text())
+            values = json.loads(text)
             network = AnyNetConfig.from_dict(values.pop("network"))
             return cls(network=network, **{name: as_tuples(value) for name, value in values.items()})
-        except OSError as error:
-            raise AnyNetError(f"{path}: cannot be read: {error.strerror}") from None
-        except (AttributeError, KeyError, TypeError, ValueError, AnyNetError) as error:
+        except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
             raise AnyNetError(
-                f"{path}: expected a recipe of this version, got another file or options: {error}"
+                f"{path}: expected a recipe of this version, got another file or options: {one_line(error)}"
             ) from None
 
     def check_resumed(self, other: Recipe) -> None:

@@ -1,6 +1,10 @@
 from __future__ import annotations
 
+import resource
 import struct
+import time
+import warnings
+import zipfile
 from pathlib import Path
 
 import cv2
@@ -107,7 +111,7 @@ def test_unsuitable_numpy_files(tmp_path: Path) -> None:
         "two.npz": "expected one array, got",
         "three.npy": r"expected numbers of shape \[H, W\], got float64 \[2, 3, 4\]",
         "complex.npy": "got complex128",
-        "objects.npy": "not a NumPy file of plain numbers",
+        "objects.npy": r"expected numbers of shape \[H, W\], got object",
         "text.npy": "not a NumPy file of plain numbers",
         "text.npz": "not a NumPy file of plain numbers",
     }
@@ -183,3 +187,150 @@ def test_real_disparities_lead_to_the_same_colour(folder: str, left: str, right:
         return float(np.median(np.abs(images[0][rows, columns].astype(int) - images[1][rows, there])))
 
     assert difference(disparity) < 0.9 * difference(disparity[::-1])  # the rows are not upside down
+
+
+def test_our_own_depth_is_read(tmp_path: Path) -> None:
+    write_depth(tmp_path / "depth.tiff", MAP)
+    np.testing.assert_array_equal(read_disparity(tmp_path / "depth.tiff"), MAP)
+    Image.fromarray(np.ones((2, 2), np.uint8)).save(tmp_path / "bytes.tiff")
+    with pytest.raises(AnyNetError, match=r"bytes\.tiff: expected a TIFF of 32-bit floating point, got .* mode L"):
+        read_disparity(tmp_path / "bytes.tiff")
+
+
+def test_lenient_pfm(tmp_path: Path) -> None:
+    path = tmp_path / "map.pfm"
+    samples = MAP[::-1].tobytes()
+    for header, end in (
+        (b"Pf\n3 2\n-1\n", b"\n"),
+        (b"Pf\n3 2\n-1\n", b"\r\n"),
+        (b"Pf\n3 2\n-1 \n", b""),
+        (b"Pf\n# by a script\n3 2\n# and more\n-1\n", b""),
+        (b"Pf\r\n3 2\r\n-1\r\n", b""),
+        (b"Pf 3 2 -1\n", b""),
+    ):
+        path.write_bytes(header + samples + end)
+        np.testing.assert_array_equal(read_disparity(path), MAP)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"Pf\n0 5\n-1\n", "expected at least one pixel, got 0 x 5"),
+        (b"Pf\n-2 -3\n-1\n" + bytes(24), "not a PFM file"),
+        (b"Pf\n100000 100000\n-1\n", "expected at most 67108864 pixels, got 100000 x 100000"),
+        (b"Pf\n" + b"9" * 5000 + b" 2\n-1\n", "not a PFM file"),
+        (b"Pf\n1 1\nnan\nabcd", "not a PFM file"),
+        (b"Pf\n1 1\n0\nabcd", "expected a scale that tells the byte order"),
+        (b"Pf\n1 1\n1e999\nabcd", "expected a scale that tells the byte order"),
+        (b"Pf\n1 1\n-e\nabcd", "not a PFM file"),
+        (b"Pf" + b" " * 100_000 + b"1 1\n-1\nabcd", "not a PFM file"),
+        (b"Pf" + b"#\n" * 100_000, "not a PFM file"),
+    ],
+)
+def test_absurd_pfm(tmp_path: Path, data: bytes, message: str) -> None:
+    path = tmp_path / "bad.pfm"
+    path.write_bytes(data)
+    start = time.process_time()
+    with pytest.raises(AnyNetError, match=rf"bad\.pfm: {message}"):
+        read_disparity(path)
+    assert time.process_time() - start < 1
+
+
+def _npy(descr: str, shape: str, data: bytes = b"", version: bytes = b"\x01\x00") -> bytes:
+    header = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}".encode()
+    return b"\x93NUMPY" + version + struct.pack("<H", len(header) + 1) + header + b"\n" + data
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        _npy("'<f4'", "(90000, 90000)"),
+        _npy("'<f4'", "(8000, 8000)", bytes(100)),
+        _npy("'<f4'", f"({2**62}, {2**62})"),
+        _npy("'<f4'", "(-1, 4)", bytes(16)),
+        _npy("'<f4'", "(2, 2)", bytes(17)),
+        _npy("'<f16'", "(1, 1)", bytes(16)),
+        _npy("'<f4'", "(0, 5)"),
+        _npy("'<f4'", "(True, 1)", bytes(4)),
+        _npy("'<f4'", "(1, 2", bytes(8)),
+        _npy("'|O'", "(1, 1)", bytes(8)),
+        _npy("[('a', '<f4')]", "(1, 1)", bytes(4)),
+        _npy("'<f4'", "(" * 5000, bytes(8)),
+        _npy("'<f4'", "-" * 5000 + "1", bytes(8)),
+        _npy("'<f4'", "(" + "9" * 5000 + ", 1)", bytes(8)),
+        _npy("'<f4'", "(1, 1)", bytes(4), version=b"\x09\x00"),
+        _npy("3", "(1, 1)", bytes(4)),
+        _npy("'<f4\0'", "(1, 1)", bytes(4)),
+    ],
+)
+def test_damaged_and_lying_arrays(tmp_path: Path, data: bytes) -> None:
+    (tmp_path / "map.npy").write_bytes(data)
+    with zipfile.ZipFile(tmp_path / "map.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("map.npy", data)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for name in ("map.npy", "map.npz"):
+        if name == "map.npy" and b"True" in data:
+            continue  # NumPy takes it for 1
+        with pytest.raises(AnyNetError, match=rf"{name}[^\n]*$"):
+            read_disparity(tmp_path / name)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # KB
+
+
+def test_archives_that_are_bombs(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.npz"
+    before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
+    for method, message in (
+        (zipfile.ZIP_DEFLATED, "expected at most 67108864 pixels"),
+        (zipfile.ZIP_BZIP2, "expected an array stored or deflated"),
+        (zipfile.ZIP_LZMA, "expected an array stored or deflated"),
+    ):
+        with zipfile.ZipFile(path, "w", method) as archive, archive.open("map.npy", "w", force_zip64=True) as member:
+            member.write(_npy("'<f8'", "(20000, 10000)"))
+            for _ in range(16):
+                member.write(bytes(2**20))
+        with pytest.raises(AnyNetError, match=message):
+            read_disparity(path)
+    with zipfile.ZipFile(path, "w") as archive:
+        for number in range(1500):
+            archive.writestr(f"{number}.npy", b"")
+    with pytest.raises(AnyNetError, match=r"bomb\.npz: expected an archive of one array, got more than 1000"):
+        read_disparity(path)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("notes.txt", b"a member that is no array")
+    with pytest.raises(AnyNetError, match=r"bomb\.npz: not a NumPy file"):
+        read_disparity(path)
+    assert time.process_time() - start < 3
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # KB
+
+
+@pytest.mark.parametrize("ending", ["pfm", "npy", "npz"])
+def test_values_that_mean_something_else(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"map.{ending}"
+
+    def write(value: float) -> None:
+        values = np.array([[1, value, NAN]], np.float32)
+        if ending == "npz":
+            np.savez(path, values)
+        else:
+            write_disparity(path, values)
+
+    write(3e6)  # such as the other byte order gives
+    with pytest.raises(AnyNetError, match=rf"map\.{ending}: expected values up to 1e\+06, got 3e\+06"):
+        read_disparity(path)
+    write(-3)
+    with pytest.warns(UserWarning, match=rf"map\.{ending}: 1 of 2 known values are negative"):
+        assert read_disparity(path)[0, 1] == -3
+
+
+@pytest.mark.parametrize("scale", [0, -1, float("nan"), float("inf")])
+def test_impossible_scales(tmp_path: Path, scale: float) -> None:
+    write_disparity(tmp_path / "map.png", MAP)
+    with pytest.raises(AnyNetError, match=r"map\.png: expected scale > 0"):
+        read_disparity(tmp_path / "map.png", scale)
+
+
+def test_doubles_beyond_floats_are_unknown(tmp_path: Path) -> None:
+    np.save(tmp_path / "map.npy", np.array([[1e300, 2.0]]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_array_equal(read_disparity(tmp_path / "map.npy"), [[NAN, 2]])

@@ -11,7 +11,7 @@ import pytest
 
 from anynet.errors import AnyNetError
 from anynet.io import write_atomically
-from anynet.io.files import make_folder
+from anynet.io.files import MAX_PIXELS, check_size, make_folder, max_pixels, read_bytes, read_text, remove_unfinished
 
 
 def test_writes_and_replaces(tmp_path: Path) -> None:
@@ -78,3 +78,75 @@ def test_make_folder(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(AnyNetError, match=r"cannot make the folder .*file: File exists"):
         make_folder(tmp_path / "file")
+
+
+def test_devices_and_pipes_are_refused_not_read(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path, kind in (("/dev/zero", "device"), (tmp_path / "pipe", "pipe")):
+        with pytest.raises(AnyNetError, match=f"cannot read {path}: expected a file, got a {kind}"):
+            read_bytes(path)
+
+
+def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    for name, message in {
+        "none": "No such file",
+        "loop": "Too many levels of symbolic links",
+        "a\0b": "null byte",
+        "x" * 300: "File name too long",
+    }.items():
+        with pytest.raises(AnyNetError, match=message):
+            read_bytes(tmp_path / name)
+
+
+def test_a_file_too_large_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    with open(tmp_path / "huge", "wb") as file:
+        file.truncate(2**42)
+    with pytest.raises(AnyNetError, match=r"huge: expected at most \d+ bytes, got 4398046511104"):
+        read_bytes(tmp_path / "huge")
+    with pytest.raises(AnyNetError, match="expected at most 16777216 bytes"):
+        read_text(tmp_path / "huge")
+
+
+def test_texts_with_and_without_a_mark(tmp_path: Path) -> None:
+    for data in (b"caf\xc3\xa9", b"\xef\xbb\xbfcaf\xc3\xa9"):
+        (tmp_path / "text").write_bytes(data)
+        assert read_text(tmp_path / "text") == "café"
+    (tmp_path / "text").write_bytes(b"caf\xe9")
+    with pytest.raises(AnyNetError, match=r"cannot read .*text: not a text in UTF-8"):
+        read_text(tmp_path / "text")
+
+
+def test_the_limit_on_pixels_and_its_option(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ANYNET_MAX_PIXELS", raising=False)
+    assert max_pixels() == MAX_PIXELS
+    check_size("a.png", MAX_PIXELS, 1)
+    with pytest.raises(AnyNetError, match=rf"a\.png: expected at most {MAX_PIXELS} pixels, got {MAX_PIXELS + 1} x 1"):
+        check_size("a.png", MAX_PIXELS + 1, 1)
+    monkeypatch.setenv("ANYNET_MAX_PIXELS", str(10**10))
+    check_size("a.png", 10**5, 10**5)
+    with pytest.raises(AnyNetError, match=r"a\.png: expected at least one pixel, got 0 x 5"):
+        check_size("a.png", 0, 5)
+    for text in ("", "0", "-1", "1e9", "many", "9" * 5000):
+        monkeypatch.setenv("ANYNET_MAX_PIXELS", text)
+        with pytest.raises(AnyNetError, match="expected ANYNET_MAX_PIXELS to be a positive whole number"):
+            max_pixels()
+
+
+def test_what_killed_writers_left_is_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "fsync", lambda number: os._exit(9))
+    child = os.fork()
+    if not child:
+        write_atomically(tmp_path / "file", b"half")
+    os.waitpid(child, 0)
+    (left,) = tmp_path.iterdir()
+    assert left.suffix == ".part"
+    (tmp_path / "part").touch()
+    remove_unfinished(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["part"]
+
+
+def test_a_name_as_long_as_names_may_be(tmp_path: Path) -> None:
+    write_atomically(tmp_path / ("x" * 255), b"data")
+    with pytest.raises(AnyNetError, match=r"cannot write .*: .*null"):
+        write_atomically(tmp_path / "a\0b", b"data")

@@ -50,7 +50,7 @@ def test_another_file_or_version_is_refused_in_one_line(tmp_path: Path, text: st
     file.write_text(text)
     with pytest.raises(AnyNetError, match=r"recipe\.json: expected a recipe of this version, got [^\n]*$"):
         Recipe.load(file)
-    with pytest.raises(AnyNetError, match=r"nowhere\.json: cannot be read: No such file or directory"):
+    with pytest.raises(AnyNetError, match=r"cannot read .*nowhere\.json: No such file or directory"):
         Recipe.load(tmp_path / "nowhere.json")
 
 
