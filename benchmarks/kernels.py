@@ -3,8 +3,8 @@
 python benchmarks/kernels.py [--threads 1 2] [--only NAME] [--json FILE]
 
 Eager and compiled are `anynet_ext.reference` (PyTorch's own batch norm), float32; operators for inference have no
-backward. All times are medians of one call, in milliseconds. The limit is the larger of arithmetic / peak rate and bytes / copy bandwidth, each input read and each
-output written once.
+backward. All times are medians of one call, in milliseconds. The limit is the larger of
+arithmetic / peak rate and bytes / copy bandwidth, each input read and each output written once.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ class Predictor:
         Raises:
             AnyNetError: if an argument is not that.
         """
-        with _frames.one():
+        with computing():
             return self._predict(left, right, budget_ms, stage)
 
     def _predict(

@@ -36,7 +36,12 @@ class Region(str, Enum):
 def evaluate(
     data: Annotated[list[str], typer.Option(help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...]; repeatable.")],
     weights: Annotated[
-        list[str] | None, typer.Option(help="Weights, a packaged name or a file; repeatable. [default: default]")
+        list[str] | None,
+        typer.Option(help="Weights of any network, a packaged name or a file; repeatable. [default: default]"),
+    ] = None,
+    model: Annotated[
+        list[str] | None,
+        typer.Option(help="A baseline of anynet.baselines.MODELS with random weights, to time it; repeatable."),
     ] = None,
     input_scale: Annotated[
         float | None,
@@ -57,18 +62,22 @@ def evaluate(
     """Measure error and time, stage by stage."""
     import cv2
 
-    from anynet import Predictor
+    from anynet.baselines import BaselineConfig, BaselineModel, BaselinePredictor
     from anynet.data import open_dataset
     from anynet.evaluation import opencv, report
     from anynet.evaluation.evaluate import Method, compare
+    from anynet.evaluation.methods import open_method
     from anynet.io import write_image
     from anynet.io.files import make_folder, write_atomically
 
     if threads is not None:
         cv2.setNumThreads(threads)
     methods: list[tuple[str, Method]] = []
-    for name in weights or ([] if method else ["default"]):
-        methods.append((name, Predictor(name, threads=threads, input_scale=input_scale).stages))
+    for name in weights or ([] if method or model else ["default"]):
+        methods.append((name, open_method(name, threads=threads, input_scale=input_scale)))
+    for name in model or []:
+        random = BaselineModel(BaselineConfig(model=name, input_scale=input_scale or 1))
+        methods.append((f"{name}, random weights", BaselinePredictor(random, threads=threads).stages))
     for choice in method or []:
         methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))
     datasets = [open_dataset(spec) for spec in data]

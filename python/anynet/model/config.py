@@ -46,16 +46,20 @@ class FeaturesConfig:
         channels: at full and half resolution; doubled with each halving after that.
         blocks: below 1/4 resolution; each halves it.
         layers: convolutions per block.
+        separate: not one U-Net, but a network per stage that shares nothing with the others (the paper's ablation,
+            Fig. 7). Paper: no.
     """
 
     channels: int = 1
     blocks: int = 2
     layers: int = 2
+    separate: bool = False
 
     def __post_init__(self) -> None:
         _check_whole(self, "channels", 1, 64)
         _check_whole(self, "blocks", 1, 5)
         _check_whole(self, "layers", 1, 16)
+        _check_flag(self, "separate")
 
     @property
     def widths(self) -> list[int]:
@@ -105,6 +109,8 @@ class ResidualStagesConfig:
         candidate_radius: 0, the paper's: residuals alone, judged in three dimensions. More: also the nearest and the
             farthest disparity at most so many pixels away, all judged in two dimensions (`CandidateStage`).
         reverse: test disparity `d - s` where `d + s` is counted, as the authors' released code and weights do.
+        full_range: no residuals: each stage tests all disparities of the first stage's range, and forgets the estimate
+            before (the paper's ablation, Fig. 7). `ranges` then say nothing. Paper: no.
     """
 
     ranges: tuple[tuple[int, int], ...] = ((-2, 2), (-2, 2))
@@ -112,6 +118,7 @@ class ResidualStagesConfig:
     layers: int = 4
     candidate_radius: int = 0
     reverse: bool = False
+    full_range: bool = False
 
     def __post_init__(self) -> None:
         for name in ("ranges", "channels"):
@@ -125,8 +132,11 @@ class ResidualStagesConfig:
         _check_whole(self, "layers", 0, 16)
         _check_whole(self, "candidate_radius", 0, 64)
         _check_flag(self, "reverse")
-        if self.candidate_radius and self.reverse:
-            raise AnyNetError("ResidualStagesConfig: expected no candidate_radius with reverse")
+        _check_flag(self, "full_range")
+        if bool(self.candidate_radius) + self.reverse + self.full_range > 1:
+            raise AnyNetError(
+                "ResidualStagesConfig: expected one of candidate_radius, reverse and full_range, got more"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +182,8 @@ class AnyNetConfig:
             many times the work squared. Resolutions below are those of the resized images; estimates have the size and
             the pixels of the images as they came.
         groups: the features' channels are compared in so many groups, each a channel of the cost volume (group-wise,
-            Guo et al., arXiv 1903.04025). Paper: 1.
+            Guo et al., arXiv 1903.04025). 0: not compared, but concatenated, C channels to volumes of 2C (the paper's
+            ablation, Fig. 7). Paper: 1.
         features, first_stage, residual_stages, refinement: the parts.
 
     Raises:
@@ -196,12 +207,14 @@ class AnyNetConfig:
         scale = self.input_scale
         if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not low <= scale <= high:
             raise AnyNetError(f"AnyNetConfig: expected input_scale from {low:g} to {high:g}, got {scale!r}")
-        _check_whole(self, "groups", 1, 128)
+        _check_whole(self, "groups", 0, 128)
         finest = self.features.widths[0]
-        if finest % self.groups:
+        if self.groups and finest % self.groups:
             raise AnyNetError(
                 f"AnyNetConfig: expected groups to divide the finest features' {finest} channels, got {self.groups}"
             )
+        if not self.groups and (self.first_stage.fine_costs or self.residual_stages.candidate_radius):
+            raise AnyNetError("AnyNetConfig: expected groups above 0 with fine_costs or candidate_radius, got 0")
         for name in ("ranges", "channels"):
             count = len(getattr(self.residual_stages, name))
             if count != self.features.blocks:

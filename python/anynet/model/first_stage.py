@@ -21,7 +21,8 @@ class FirstStage(nn.Module):
         c = config.first_stage
         self.groups, self.range = config.groups, c.range
         guide = config.features.widths[-1] if c.excitation else 0
-        self.network = cost_network(config.groups, c.channels, c.layers, c.hourglass, guide)
+        inputs = config.groups or 2 * config.features.widths[-1]
+        self.network = cost_network(inputs, c.channels, c.layers, c.hourglass, guide)
         self.fine_costs: PreActivation | None = None
         if c.fine_costs:
             self.fine_costs = PreActivation(config.groups, c.channels, dims=3, stride=2)

@@ -63,6 +63,7 @@ class Recipe:
         False, "Load those weights that have their place in --network; what then lacks weights begins anew."
     )
     network: AnyNetConfig = _option(AnyNetConfig(), "Shape of the network, where the weights do not tell it.")
+    model: str | None = _option(None, "A baseline of anynet.baselines.MODELS instead of AnyNet, from random weights.")
     steps: int | None = _option(None, "Length of the run in steps of one batch.")
     epochs: int | None = _option(None, "Length of the run in passes over the data (instead of steps).")
     batch_size: int = _option(6, "Pairs per step, over all processes.")
@@ -112,8 +113,10 @@ class Recipe:
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise AnyNetError(f"{name} must be at least 1, got {value}")
-        if self.input_scale is not None and self.weights is None:
+        if self.input_scale is not None and self.weights is None and self.model is None:
             raise AnyNetError("input_scale is for weights to start from; give a new network its own, as in network")
+        if self.model is not None and self.weights is not None:
+            raise AnyNetError("weights are AnyNet's; a model of another name begins with random ones")
         if self.load_partial and self.weights is None:
             raise AnyNetError("load_partial is for weights to start from")
         if min(self.crop_size) < 64:
@@ -138,9 +141,9 @@ class Recipe:
             raise AnyNetError("give the length of the run as either steps or epochs")
         return self.steps if self.steps is not None else math.ceil(self.epochs * samples / self.batch_size)  # type: ignore[operator]
 
-    def stage_weights_of(self, stages: int) -> tuple[float, ...]:
-        """One per stage."""
-        weights = self.stage_weights or (0.25, 0.5, *[1.0] * (stages - 2))
+    def stage_weights_of(self, stages: int, usual: tuple[float, ...] = ()) -> tuple[float, ...]:
+        """One per stage: the recipe's, else `usual`, else AnyNet's."""
+        weights = self.stage_weights or usual or (0.25, 0.5, *[1.0] * (stages - 2))
         if len(weights) != stages:
             raise AnyNetError(f"stage_weights: expected {stages}, one per stage, got {len(weights)}")
         if min(weights) < 0 or not any(weights):
