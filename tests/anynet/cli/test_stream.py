@@ -296,7 +296,9 @@ def test_from_a_board_to_depth(run: Run, tmp_path: Path) -> None:
     found = []
     with open(out, "rb") as file:
         decoders = [ros2.DecoderFactory()]
-        for _, _, _, message in reader.make_reader(file, decoders).iter_decoded_messages(["/stereo/points"]):
+        for _, _, _, message in reader.make_reader(file, decoder_factories=decoders).iter_decoded_messages(
+            ["/stereo/points"]
+        ):
             points = np.frombuffer(bytes(message.data), "<f4").reshape(-1, 4)[:, :3]
             found.append(float(np.median((points @ turned)[:, 2])))  # in the raw left camera's frame
     assert found == pytest.approx(depths, rel=0.03)
