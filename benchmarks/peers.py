@@ -48,9 +48,9 @@ def peers(weights: str, threads: int, out: Console) -> Iterator[dict[str, Callab
         plain = Plain(model, 3).eval()
         expected = plain(*tensors)
 
-        def check(name: str, out: Tensor) -> None:
-            if not torch.allclose(out, expected, atol=0.05):
-                out.print(f"{name}: differs from eager by up to {(out - expected).abs().max():.3f} px")
+        def check(name: str, estimate: Tensor) -> None:
+            if not torch.allclose(estimate, expected, atol=0.05):
+                out.print(f"{name}: differs from eager by up to {(estimate - expected).abs().max():.3f} px")
 
         torch._dynamo.reset()
         with torch._inductor.config.patch(freezing=True):
