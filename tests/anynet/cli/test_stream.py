@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from bags import START, BagWriter
+from PIL import Image
 
 from anynet import Predictor
 from anynet.io import read_disparity, read_image, write_image
@@ -251,6 +252,17 @@ def test_warnings_come_with_the_first_frame(run: Run, weights: Path, tmp_path: P
     assert any("swapped" in warning for warning in frame["warnings"])
     assert "anynet: 0: warning: left and right look swapped" in result.err
     assert run(*given, "--no-check").err == ""
+
+
+def test_warnings_of_other_threads(run: Run, folders: tuple[Path, Path], weights: Path) -> None:
+    """Images are read on a thread of their own, whose warnings are the frame's."""
+    alpha = np.dstack([read_image(folders[0] / "b.png"), np.full((48, 64), 9, np.uint8)])
+    Image.fromarray(alpha).save(folders[0] / "b.png")
+    result = run("stream", *folders, "--weights", weights, "--every-frame", "--json")
+    frames, _ = lines(result.out)
+    message = f"{folders[0] / 'b.png'}: the alpha channel is ignored"
+    assert [warning for frame in frames for warning in frame["warnings"]] == [message]
+    assert [line.partition(": warning: ")[2] for line in result.err.splitlines()] == [message]
 
 
 @pytest.mark.slow
