@@ -75,12 +75,12 @@ def read_image(path: str | Path, bits: int | None = None) -> npt.NDArray[np.uint
     levels = _levels(path)
     if bits is None:
         bits = 16
-        used = _bits(levels)
+        used = used_bits(levels)
         if levels.dtype == np.uint16 and used < bits:
             warnings.warn(f"{path}: uses {used} of its 16 bits and so is dark; see `bits`", stacklevel=2)
     elif not 8 <= bits <= 16:
         raise AnyNetError(f"expected bits from 8 to 16, got {bits}")
-    return _to_8_bits(levels, bits)
+    return to_8_bits(levels, bits)
 
 
 def read_pair(left: str | Path, right: str | Path) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
@@ -95,8 +95,8 @@ def read_pair(left: str | Path, right: str | Path) -> tuple[npt.NDArray[np.uint8
     if images[0].shape[:2] != images[1].shape[:2]:
         sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in images)
         raise AnyNetError(f"expected two images of one size, got {sizes} ({left}, {right})")
-    bits = max(_bits(image) for image in images)
-    return _to_8_bits(images[0], bits), _to_8_bits(images[1], bits)
+    bits = max(used_bits(image) for image in images)
+    return to_8_bits(images[0], bits), to_8_bits(images[1], bits)
 
 
 def write_image(path: str | Path, image: npt.NDArray[np.uint8]) -> None:
@@ -154,8 +154,19 @@ def _orientation(image: Image.Image) -> int:
 
 
 def _levels(path: str | Path) -> Levels:
-    """The image's own levels, uint8 or uint16, gray [H, W] or RGB [H, W, 3], upright."""
-    data = read_bytes(path)
+    return decode_levels(path, read_bytes(path))
+
+
+def decode_levels(path: str | Path, data: bytes) -> Levels:
+    """The levels of an image file's bytes, uint8 or uint16, gray [H, W] or RGB [H, W, 3], upright.
+
+    Args:
+        path: what errors call it.
+        data: the file's content.
+
+    Raises:
+        AnyNetError: as `read_image`.
+    """
     stored = _open(path, data)
     if stored.format == "PPM" and data[:2] in (b"P5", b"P6"):
         return _ppm_levels(path, data, stored)
@@ -207,12 +218,12 @@ def _ppm_levels(path: str | Path, data: bytes, image: ImageFile.ImageFile) -> Le
     return _looked_up(levels, table.astype(stored.newbyteorder("=")))
 
 
-def _bits(levels: Levels) -> int:
+def used_bits(levels: Levels) -> int:
     """How many bits the levels use, among those that sensors have."""
     return max(8, 2 * ((int(levels.max()).bit_length() + 1) // 2))
 
 
-def _to_8_bits(levels: Levels, bits: int) -> npt.NDArray[np.uint8]:
+def to_8_bits(levels: Levels, bits: int) -> npt.NDArray[np.uint8]:
     """RGB [H, W, 3]; a level of 16 bits is scaled so that 2**bits - 1 becomes 255."""
     result: npt.NDArray[Any] = levels
     if levels.dtype == np.uint16:
