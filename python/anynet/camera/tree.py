@@ -21,6 +21,7 @@ Tree = dict[str, "Tree"] | list["Tree"] | str
 Matrix = npt.NDArray[np.float64]
 
 _DEEPEST = 40
+_MOST = 10_000  # numbers of a field, and fields of a file
 _YAML = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
@@ -160,8 +161,8 @@ def walk(tree: Tree) -> Iterator[tuple[tuple[str, ...], Tree]]:
     """Every map's entries, with the names that lead to them, outer ones first; lists are not entered."""
     waiting: list[tuple[tuple[str, ...], Tree]] = [((), tree)]
     for visited, (path, node) in enumerate(waiting):
-        if visited == 10_000:
-            raise AnyNetError("expected at most 10000 fields")
+        if visited == _MOST:
+            raise AnyNetError(f"expected at most {_MOST} fields")
         if path:
             yield path, node
         if isinstance(node, dict) and len(path) < _DEEPEST:
@@ -189,9 +190,9 @@ def numbers(node: Tree, name: str, count: int | None = None) -> Matrix:
     while waiting:
         item = waiting.pop()
         if isinstance(item, list):
+            if len(item) + len(waiting) + len(values) > _MOST:
+                raise AnyNetError(f"expected {name} to be a matrix, got thousands of numbers")
             waiting.extend(reversed(item))
-            if len(waiting) + len(values) > 4_000_000:
-                raise AnyNetError(f"expected {name} to be a matrix, got millions of numbers")
         elif isinstance(item, str):
             words = re.split(r"[\s,;\[\]()]+", item)
             for word in filter(None, words):
