@@ -30,7 +30,7 @@ class _Builder:
 
     def __init__(self) -> None:
         self.root: Tree | None = None
-        self._open: list[tuple[dict[str, Tree] | list[Tree], str | None]] = []
+        self._open: list[tuple[dict[str, Tree] | list[Tree], str | None, str | None]] = []
         self._key: str | None = None
 
     def add(self, node: Tree) -> None:
@@ -48,14 +48,16 @@ class _Builder:
             container[self._key] = node
             self._key = None
 
-    def begin(self, container: dict[str, Tree] | list[Tree]) -> None:
+    def begin(self, container: dict[str, Tree] | list[Tree], anchor: str | None) -> None:
         if len(self._open) == _DEEPEST:
             raise AnyNetError(f"expected at most {_DEEPEST} levels of nesting")
-        self._open.append((container, self._key))
+        self._open.append((container, self._key, anchor))
         self._key = None
 
-    def end(self) -> None:
-        container, self._key = self._open.pop()
+    def end(self, anchors: dict[str, Tree]) -> None:
+        container, self._key, anchor = self._open.pop()
+        if anchor:
+            anchors[anchor] = container  # not before, so that nothing contains itself
         self.add(container)
 
 
@@ -78,11 +80,9 @@ def yaml_documents(text: str) -> list[Tree]:
                     anchors[str(event.anchor)] = event.value
             elif isinstance(event, (yaml.MappingStartEvent, yaml.SequenceStartEvent)):
                 container: dict[str, Tree] | list[Tree] = {} if isinstance(event, yaml.MappingStartEvent) else []
-                if event.anchor:
-                    anchors[str(event.anchor)] = container
-                builder.begin(container)
+                builder.begin(container, event.anchor)
             elif isinstance(event, (yaml.MappingEndEvent, yaml.SequenceEndEvent)):
-                builder.end()
+                builder.end(anchors)
             elif isinstance(event, yaml.AliasEvent):
                 builder.add(anchors[str(event.anchor)])
             elif isinstance(event, yaml.DocumentEndEvent):
@@ -187,10 +187,12 @@ def numbers(node: Tree, name: str, count: int | None = None) -> Matrix:
     """
     values: list[float] = []
     waiting = [_data(node, name)]
+    visited = 0
     while waiting:
         item = waiting.pop()
+        visited += 1
         if isinstance(item, list):
-            if len(item) + len(waiting) + len(values) > _MOST:
+            if len(item) + len(waiting) + visited > 2 * _MOST:
                 raise AnyNetError(f"expected {name} to be a matrix, got thousands of numbers")
             waiting.extend(reversed(item))
         elif isinstance(item, str):

@@ -18,7 +18,9 @@ class Oracle:
 
     def stages(self, left: np.ndarray, right: np.ndarray) -> Iterator[Estimate]:
         assert left.shape == right.shape
-        columns = {int(value): x for x, value in enumerate(right[0, :, 0])}
+        columns: dict[int, int] = {}
+        for x, value in enumerate(right[0, :, 0]):
+            columns.setdefault(int(value), x)  # the borders are repeated
         row = [x - columns.get(int(value), x) for x, value in enumerate(left[0, :, 0])]
         yield Estimate(1, np.tile(np.array(row, np.float32), (len(left), 1)), 1.0)
 
@@ -29,8 +31,8 @@ class Oracle:
 
 def pair(disparity: int) -> tuple[np.ndarray, np.ndarray]:
     """Columns of gray levels; left column x is right column x - disparity."""
-    levels = np.arange(140, dtype=np.uint8)
-    left, right = levels[20:120], levels[20 + disparity : 120 + disparity]
+    levels = np.arange(160, dtype=np.uint8)
+    left, right = levels[30:130], levels[30 + disparity : 130 + disparity]
     return tuple(np.tile(row[None, :, None], (4, 1, 3)) for row in (left, right))  # type: ignore[return-value]
 
 
@@ -40,7 +42,7 @@ def test_negative(disparity: int) -> None:
     left, right = pair(disparity)
     (estimate,) = shifted.stages(left, right)
     assert estimate.disparity.shape == (4, 100)
-    inside = slice(12, 88)
+    inside = slice(24, 76)
     np.testing.assert_array_equal(estimate.disparity[:, inside], disparity)
     assert shifted.predict(left, right, budget_ms=5, stage=2).disparity[0, 50] == disparity
     assert shifted.config == "its configuration"
