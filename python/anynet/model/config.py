@@ -8,34 +8,13 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from anynet.errors import AnyNetError
+from anynet.model.bounds import check_flag, check_range, check_whole
 
 # Of ImageNet's RGB values in 0..1: what the network's inputs are normalized by.
 MEAN = (0.485, 0.456, 0.406)
 STD = (0.229, 0.224, 0.225)
 
 INPUT_SCALES = 1 / 16, 4.0  # smallest and largest
-FARTHEST = 1024  # disparity or residual to test, in pixels of its stage
-
-
-def _check_whole(part: object, name: str, low: int, high: int) -> None:
-    value = getattr(part, name)
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise AnyNetError(f"{type(part).__name__}: expected {name} as an integer from {low} to {high}, got {value!r}")
-
-
-def _check_flag(part: object, name: str) -> None:
-    value = getattr(part, name)
-    if not isinstance(value, bool):
-        raise AnyNetError(f"{type(part).__name__}: expected {name} as true or false, got {value!r}")
-
-
-def _check_range(part: object, name: str, value: object) -> None:
-    whole = isinstance(value, tuple) and len(value) == 2 and all(type(end) is int for end in value)
-    if not (whole and -FARTHEST <= value[0] <= value[1] <= FARTHEST):  # type: ignore[index]
-        raise AnyNetError(
-            f"{type(part).__name__}: expected {name} as (first, last), integers with first <= last "
-            f"from {-FARTHEST} to {FARTHEST}, got {value!r}"
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,10 +35,10 @@ class FeaturesConfig:
     separate: bool = False
 
     def __post_init__(self) -> None:
-        _check_whole(self, "channels", 1, 64)
-        _check_whole(self, "blocks", 1, 5)
-        _check_whole(self, "layers", 1, 16)
-        _check_flag(self, "separate")
+        check_whole(self, "channels", 1, 64)
+        check_whole(self, "blocks", 1, 5)
+        check_whole(self, "layers", 1, 16)
+        check_flag(self, "separate")
 
     @property
     def widths(self) -> list[int]:
@@ -90,12 +69,12 @@ class FirstStageConfig:
     excitation: bool = False
 
     def __post_init__(self) -> None:
-        _check_range(self, "range", self.range)
-        _check_whole(self, "channels", 1, 256)
-        _check_whole(self, "layers", 0, 16)
-        _check_whole(self, "hourglass", 0, 4)
-        _check_flag(self, "fine_costs")
-        _check_flag(self, "excitation")
+        check_range(self, "range", self.range)
+        check_whole(self, "channels", 1, 256)
+        check_whole(self, "layers", 0, 16)
+        check_whole(self, "hourglass", 0, 4)
+        check_flag(self, "fine_costs")
+        check_flag(self, "excitation")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,14 +104,14 @@ class ResidualStagesConfig:
             if not isinstance(getattr(self, name), tuple):
                 raise AnyNetError(f"ResidualStagesConfig: expected {name}, one per stage, got {getattr(self, name)!r}")
         for ends in self.ranges:
-            _check_range(self, "ranges", ends)
+            check_range(self, "ranges", ends)
         for channels in self.channels:
             if type(channels) is not int or not 1 <= channels <= 256:
                 raise AnyNetError(f"ResidualStagesConfig: expected channels from 1 to 256, got {self.channels!r}")
-        _check_whole(self, "layers", 0, 16)
-        _check_whole(self, "candidate_radius", 0, 64)
-        _check_flag(self, "reverse")
-        _check_flag(self, "full_range")
+        check_whole(self, "layers", 0, 16)
+        check_whole(self, "candidate_radius", 0, 64)
+        check_flag(self, "reverse")
+        check_flag(self, "full_range")
         if bool(self.candidate_radius) + self.reverse + self.full_range > 1:
             raise AnyNetError(
                 "ResidualStagesConfig: expected one of candidate_radius, reverse and full_range, got more"
@@ -162,13 +141,13 @@ class RefinementConfig:
     convex_upsampling: bool = False
 
     def __post_init__(self) -> None:
-        _check_whole(self, "channels", 1, 64)
+        check_whole(self, "channels", 1, 64)
         directions = self.directions
         known = isinstance(directions, tuple) and all(type(d) is int and 0 <= d <= 3 for d in directions)
         if not known or not directions or len(set(directions)) < len(directions):
             raise AnyNetError(f"RefinementConfig: expected directions of distinct 0, 1, 2, 3, got {directions!r}")
         for name in ("fill_occlusions", "warp_error", "convex_upsampling"):
-            _check_flag(self, name)
+            check_flag(self, name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +186,7 @@ class AnyNetConfig:
         scale = self.input_scale
         if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not low <= scale <= high:
             raise AnyNetError(f"AnyNetConfig: expected input_scale from {low:g} to {high:g}, got {scale!r}")
-        _check_whole(self, "groups", 0, 128)
+        check_whole(self, "groups", 0, 128)
         finest = self.features.widths[0]
         if self.groups and finest % self.groups:
             raise AnyNetError(
