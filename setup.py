@@ -19,7 +19,7 @@ from setuptools.command.build_ext import build_ext
 ROOT = Path(__file__).parent.resolve()
 sys.path.insert(0, str(ROOT / "build_backend"))
 
-from backend import OLDEST_TORCH, find_torch  # noqa: E402
+from backend import OLDEST_TORCH, find_opencv, find_torch  # noqa: E402
 
 KERNELS = os.environ.get("ANYNET_KERNELS", "ON")
 
@@ -77,6 +77,17 @@ class Wheel(bdist_wheel):
 
 
 setup(
+    install_requires=[
+        "torch>={}.{}".format(*OLDEST_TORCH),
+        "numpy",
+        "safetensors",
+        "filelock",
+        f"{find_opencv()}!=4.11.0.*",  # that one misreads whole numbers in YAML files
+        "scikit-image",
+        "typer",
+        "rich",
+        "plyfile",
+    ],
     ext_modules=[Extension("anynet_ext._C", sources=[])],
     cmdclass={"build": CleanBuild, "build_ext": CMakeBuild, "bdist_wheel": Wheel},
 )

@@ -2,8 +2,9 @@
 
     python benchmarks/conv.py [--train] [--threads 1 2]
 
-Each line: our time, GFLOP/s and share of the peak measured in this run; PyTorch's best of plain eager and channels_last
-(where batch and layout allow it, oneDNN). With --train also our gradients of the input and of the weights.
+Each line: our time, GFLOP/s and share of the peak, that of a loop of nothing but multiply-adds in this run; PyTorch's
+best of plain eager and channels_last (where batch and layout allow it, oneDNN). With --train also our gradients of the
+input and of the weights.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from functools import partial
 
 import torch
 import torch.nn.functional as F
-from measure import PRODUCT, matrix_product, median_ms, options
+from measure import PRODUCT, matrix_product, median_ms, multiply_adds, options
 
 import anynet_ext
 
@@ -75,8 +76,9 @@ def main() -> None:
     arguments = parser.parse_args()
     for threads in dict.fromkeys(arguments.threads):
         torch.set_num_threads(threads)
-        limit = 2 * PRODUCT / seconds_of(matrix_product())
-        print(f"\n{threads} threads, multiply-add peak {limit / 1e9:.0f} GFLOP/s")
+        loop = multiply_adds(threads)
+        limit, product = 2 * loop() / seconds_of(loop), 2 * PRODUCT / seconds_of(matrix_product())
+        print(f"\n{threads} threads, GFLOP/s: peak {limit / 1e9:.0f}, matrix product {product / 1e9:.0f}")
         totals: dict[str, float] = {}
         for batch, channels, out_channels, size, stride, count in TRAIN if arguments.train else FRAME:
             name = f"conv3x3{'x3' * (len(size) - 2)}"

@@ -2,9 +2,9 @@
 
 python benchmarks/kernels.py [--threads 1 2] [--only NAME] [--json FILE]
 
-Eager and compiled are `anynet_ext.reference` (PyTorch's own batch norm), float32; those for inference have no backward; all times are medians of one call, in
-milliseconds. The limit is the larger of arithmetic / peak rate and bytes / copy bandwidth, each input read and each
-output written once.
+Eager and compiled are `anynet_ext.reference` (PyTorch's own batch norm), float32; all times are medians of one call, in
+milliseconds. Operators for inference have no backward pass. The limit is the larger of arithmetic / peak rate and bytes
+/ copy bandwidth, each input read and each output written once.
 """
 
 from __future__ import annotations
@@ -276,10 +276,7 @@ def _versions(workload: Workload, compiled: Callable[..., Tensor] | None) -> lis
 
 
 def table(rows: list[Row], limits: Limits) -> Table:
-    title = (
-        f"{limits.threads} thread(s), ms; peak {limits.operations / 1e9:.0f} G operations/s,"
-        f" copy {limits.bandwidth / 1e9:.1f} GB/s"
-    )
+    title = f"{limits.threads} thread(s), ms; {limits}"
     result = Table(
         "kernel", "size", "ours", "eager", "compiled", "limit", "eager/ours", "compiled/ours", "ours/limit", title=title
     )

@@ -8,6 +8,7 @@ import statistics
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from rich.console import Console
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
-from anynet_ext import reference
+from anynet_ext import _kernels, reference
 
 HEIGHT, WIDTH = 368, 1232  # KITTI's images, cut to multiples of 16
 WIDE = 200  # columns
@@ -132,34 +133,53 @@ def median_ratio(times: list[float], others: list[float]) -> float:
 class Limits:
     """What `threads` threads of this machine can do at most, measured.
 
-    operations: float32 additions, multiplications, absolute values and the like per second, in vectors, counted per
-        element; a fused multiply-add counts as one.
+    loops: float32 multiply-adds per second of a loop of nothing else, by instruction set.
+    operations: the same on the instruction set in use. Additions, multiplications, absolute values and the like, in
+        vectors, counted per element, are no faster.
+    product: multiply-adds per second of PyTorch's matrix product, for comparison: it is no limit.
     bandwidth: bytes per second, read and written together, of copying arrays of 16 MB.
     """
 
     threads: int
+    loops: Mapping[str, float]
     operations: float
+    product: float
     bandwidth: float
 
     def ms(self, operations: float, traffic: float) -> float:
         """No implementation with this much arithmetic and memory traffic can be faster."""
         return 1000 * max(operations / self.operations, traffic / self.bandwidth)
 
+    def __str__(self) -> str:
+        loops = ", ".join(f"{name} {rate / 1e9:.0f}" for name, rate in self.loops.items())
+        return (
+            f"10⁹ multiply-adds per second: {loops}, matrix product {self.product / 1e9:.0f}; "
+            f"copy {self.bandwidth / 1e9:.1f} GB/s"
+        )
+
+
+def multiply_adds(threads: int, isa: Any = None) -> Callable[[], int]:
+    """A loop of nothing but multiply-adds in registers, some milliseconds long, that returns their number."""
+    return partial(_kernels.multiply_add, isa or _kernels.chosen_isa(), 1_000_000, threads)
+
 
 PRODUCT = 1024**3  # multiply-adds of `matrix_product`
 
 
 def matrix_product() -> Callable[[], object]:
-    """What PyTorch's library does near the machine's best."""
+    """PyTorch's, of two square matrices."""
     one, other, product = (torch.ones(1024, 1024) for _ in range(3))
     return lambda: torch.mm(one, other, out=product)
 
 
 def measure_limits(threads: int) -> Limits:
-    """Peaks by a matrix product, which PyTorch's library runs near the machine's best, and by a copy."""
+    """Peaks by a loop of multiply-adds and by a copy; a matrix product beside them."""
     torch.set_num_threads(threads)
+    sets = [isa for isa in _kernels.Isa.__members__.values() if _kernels.isa_available(isa)]
+    loops = {isa.name: 1000 * run() / median_ms(run) for isa in sets for run in [multiply_adds(threads, isa)]}
     product_ms = median_ms(matrix_product())
     source = torch.ones(4 * 2**20)
     target = torch.empty_like(source)
     copy_ms = median_ms(lambda: target.copy_(source))
-    return Limits(threads, 1000 * PRODUCT / product_ms, 1000 * 2 * source.nbytes / copy_ms)
+    in_use = loops[_kernels.chosen_isa().name]
+    return Limits(threads, loops, in_use, 1000 * PRODUCT / product_ms, 1000 * 2 * source.nbytes / copy_ms)

@@ -10,63 +10,47 @@ from bytes:
 * openvino: the same ONNX file, latency hint;
 * OpenCV's StereoBM and StereoSGBM, 192 disparities.
 All take turns, so that a machine whose speed drifts is the same for all. Times are medians of one call in milliseconds,
-ratios are medians over the turns. The limit is the multiply-adds over the peak, that of a matrix product in each turn.
+ratios are medians over the turns. The limit is the multiply-adds over the peak, that of a loop of nothing else in each
+turn; a matrix product stands beside it.
 """
 
 from __future__ import annotations
 
 import resource
 import statistics
-import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 from measure import (
     HEIGHT,
-    PRODUCT,
     WIDTH,
     Limits,
-    PlainOperators,
     console,
     interleaved_ms,
     matrix_product,
     measure_limits,
     median_ratio,
+    multiply_adds,
     options,
     pair,
     subplots,
     write_json,
 )
+from peers import peers
 from rich.console import Console
 from rich.table import Table
-from torch import Tensor, nn
+from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
 import anynet_ext
 from anynet import AnyNet, Predictor, load_checkpoint
-from anynet.model.config import MEAN, STD
-
-
-class Plain(nn.Module):
-    """The first stages of a network, on PyTorch's own operators."""
-
-    def __init__(self, model: AnyNet, stages: int) -> None:
-        super().__init__()
-        self.model, self.stages = model, stages
-
-    def forward(self, left: Tensor, right: Tensor) -> Tensor:
-        with PlainOperators():
-            *_, last = islice(self.model.stages(left, right), self.stages)
-        return last
 
 
 class Counter(TorchDispatchMode):
@@ -94,72 +78,6 @@ def stem_multiply_adds(model: AnyNet) -> int:
     """Of the first two layers, which the deployed network computes inside one operator."""
     c, pixels = model.config.features.channels, HEIGHT * WIDTH * model.config.enlargement**2
     return 2 * (pixels * 27 * c + pixels // 4 * 9 * c * c)
-
-
-@contextmanager
-def peers(weights: str, threads: int, out: Console) -> Iterator[dict[str, Callable[[], object]]]:
-    """Calls of one pair by the name of the peer."""
-    torch.set_num_threads(threads)
-    cv2.setNumThreads(threads)
-    left, right = pair()
-    tensors = tuple(
-        torch.from_numpy((image / 255 - MEAN) / STD).permute(2, 0, 1)[None].float().contiguous()
-        for image in (left, right)
-    )
-    calls: dict[str, Callable[[], object]] = {}
-    model = load_checkpoint(weights)
-    with torch.no_grad(), tempfile.TemporaryDirectory() as folder:
-        for stages in (1, 3, 4):
-            plain = Plain(model, stages).eval()
-            calls[f"eager, {stages} stages"] = lambda plain=plain: plain(*tensors)
-        plain = Plain(model, 3).eval()
-        expected = plain(*tensors)
-
-        def check(name: str, out: Tensor) -> None:
-            if not torch.allclose(out, expected, atol=0.05):
-                out.print(f"{name}: differs from eager by up to {(out - expected).abs().max():.3f} px")
-
-        torch._dynamo.reset()
-        with torch._inductor.config.patch(freezing=True):
-            compiled = torch.compile(torch.export.export(plain, tensors).module())
-            check("torch.compile", compiled(*tensors))
-        calls["torch.compile, 3 stages"] = lambda: compiled(*tensors)
-
-        path = f"{folder}/three_stages.onnx"
-        torch.onnx.export(plain, tensors, path, dynamo=True, optimize=True, verbose=False)
-        calls |= _onnx_peers(path, tensors, threads, check)
-        gray = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
-        matcher = cv2.StereoBM.create(numDisparities=192, blockSize=15)
-        calls["OpenCV StereoBM"] = lambda: matcher.compute(*gray)
-        semi_global = cv2.StereoSGBM.create(minDisparity=0, numDisparities=192, blockSize=5, P1=200, P2=800)
-        calls["OpenCV StereoSGBM"] = lambda: semi_global.compute(*gray)
-        yield calls
-
-
-def _onnx_peers(
-    path: str, tensors: tuple[Tensor, ...], threads: int, check: Callable[[str, Tensor], None]
-) -> dict[str, Callable[[], object]]:
-    import onnxruntime
-    import openvino
-
-    arrays = [t.numpy() for t in tensors]
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_ALL
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # not while the others take their turns
-    session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
-    feed = {node.name: array for node, array in zip(session.get_inputs(), arrays, strict=True)}
-    check("onnxruntime", torch.from_numpy(session.run(None, feed)[0]))
-
-    core = openvino.Core()
-    settings = {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_NUM_THREADS": threads, "INFERENCE_PRECISION_HINT": "f32"}
-    request = core.compile_model(path, "CPU", settings).create_infer_request()
-    check("openvino", torch.from_numpy(request.infer(arrays)[0]))
-    return {
-        "onnxruntime, 3 stages": lambda: session.run(None, feed),
-        "openvino, 3 stages": lambda: request.infer(arrays),
-    }
 
 
 def ours(predictor: Predictor) -> dict[str, Callable[[], object]]:
@@ -246,7 +164,7 @@ def goals(times: dict[str, list[float]], work: dict[str, int], memory: float) ->
     four, three = times["ours, stage 4"], times["ours, stage 3"]
     table = Table("", "measured", "goal")
     for name, goal in (("ours, stage 4", "<= 2.0 x"), ("ours, stage 1", "<= 5 ms")):
-        limit = [ms * work[name] / PRODUCT for ms in times["matrix product"]]
+        limit = [ms * work[name] / work["multiply-adds"] for ms in times["multiply-adds"]]
         ms, ratio, floor = statistics.median(times[name]), median_ratio(times[name], limit), statistics.median(limit)
         table.add_row(name, f"{ms:.2f} ms, {ratio:.2f} x the limit of {floor:.2f} ms", goal)
     learned = [name for name in times if name.endswith("3 stages") and not name.startswith("eager")]
@@ -280,15 +198,18 @@ def main() -> None:
         alone = ours(Predictor(arguments.weights, threads=1))
         mine["ours, stage 4, one thread"] = alone["ours, stage 4"]
     with nullcontext({}) if arguments.no_peers else peers(arguments.weights, threads, out) as others:
-        times = interleaved_ms({"matrix product": matrix_product(), **mine, **others}, arguments.rounds)
+        loop = multiply_adds(threads)
+        yardsticks = {"multiply-adds": loop, "matrix product": matrix_product()}
+        times = interleaved_ms({**yardsticks, **mine, **others}, arguments.rounds)
     limits = measure_limits(threads)
     stages = load_checkpoint(arguments.weights).config.stages
     of_all, calls = count(arguments.weights, threads, stages, frames=20)
     work = {"ours, stage 1": count(arguments.weights, threads, 1, frames=1)[0], f"ours, stage {stages}": of_all}
+    work["multiply-adds"] = loop()
     table = Table("", "ms", title=f"{threads} thread(s), 1x3x{HEIGHT}x{WIDTH}")
     for name, each in times.items():
         table.add_row(name, f"{statistics.median(each):.1f}")
-    out.print(table, goals(times, work, memory))
+    out.print(str(limits), table, goals(times, work, memory))
     if arguments.operators:
         out.print(operators(calls))
     if arguments.plot:

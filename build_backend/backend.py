@@ -1,7 +1,7 @@
-"""What pip calls to build AnyNet: setuptools, but PyTorch is downloaded for its headers only where there is none yet.
+"""What pip calls to build AnyNet: setuptools, but with an eye on what the environment has that it builds for.
 
-An isolated build sees none of the environment that it builds for. Here that environment's torch is looked for, which
-any recent one will do (stable ABI), and required of the package index only if it is missing or too old.
+An isolated build does not see that. Here its torch is looked for, whose headers will do if it is recent enough (stable
+ABI); only else does the build ask for one of its own. And the package will depend on the OpenCV that is there.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import re
 import site
 import sys
 from collections.abc import Iterator
-from importlib.metadata import distributions
+from importlib.metadata import Distribution, distributions
 from pathlib import Path
 from typing import Any
 
@@ -39,18 +39,27 @@ def find_torch() -> Path | None:
     """The folder of a torch package that has the headers: ANYNET_TORCH_DIR, or else one of a version that fits."""
     if given := os.environ.get("ANYNET_TORCH_DIR"):
         return Path(given)
-    for folder in _package_folders():
-        for found in distributions(name="torch", path=[str(folder)]):
-            version = re.match(r"(\d+)\.(\d+)", found.version)
-            torch = Path(str(found.locate_file("torch")))
-            if version and tuple(map(int, version.groups())) >= OLDEST_TORCH and (torch / "include").is_dir():
-                return torch
+    for found in _installed("torch"):
+        version = re.match(r"(\d+)\.(\d+)", found.version)
+        torch = Path(str(found.locate_file("torch")))
+        if version and tuple(map(int, version.groups())) >= OLDEST_TORCH and (torch / "include").is_dir():
+            return torch
     return None
 
 
-def _package_folders() -> Iterator[Path]:
-    """Where packages are installed: this process's own, then those of the environment that pip installs into."""
-    yield from map(Path, sys.path)
-    yield from map(Path, site.getsitepackages())
+def find_opencv() -> str:
+    """The OpenCV package to depend on: the one that is there, or else the headless one.
+
+    All of them bring the module cv2. A second one overwrites the first: the headless one a user's windows, say.
+    """
+    names = "opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless"
+    return next((name for name in names if any(_installed(name))), "opencv-python-headless")
+
+
+def _installed(name: str) -> Iterator[Distribution]:
+    """Packages of that name, this process's own before those of the environment that pip installs into."""
+    folders = [*sys.path, *site.getsitepackages()]
     if site.ENABLE_USER_SITE:
-        yield Path(site.getusersitepackages())
+        folders.append(site.getusersitepackages())
+    for folder in folders:
+        yield from distributions(name=name, path=[folder])

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -22,12 +22,17 @@ from anynet.model.anynet import AnyNet
 from anynet.model.config import AnyNetConfig
 from anynet.model.presets import authors
 
+if TYPE_CHECKING:
+    from anynet.baselines.model import BaselineModel
+
 PACKAGED = Path(__file__).parent / "weights"
 LIMIT = 2**30  # bytes of a file
 HEADER_LIMIT = 2**20  # characters of its configuration, and of its metadata
 
 
-def save_checkpoint(path: str | os.PathLike[str], model: AnyNet, metadata: dict[str, Any] | None = None) -> None:
+def save_checkpoint(
+    path: str | os.PathLike[str], model: AnyNet | BaselineModel, metadata: dict[str, Any] | None = None
+) -> None:
     """Writes weights, configuration and `metadata` (anything JSON can hold) as .safetensors, whole or not at all."""
     tensors = {name: tensor.contiguous() for name, tensor in model.state_dict().items()}
     content = save(tensors, {"config": json.dumps(asdict(model.config)), "metadata": json.dumps(metadata or {})})

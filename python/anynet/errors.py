@@ -6,5 +6,5 @@ class AnyNetError(ValueError):
 
 
 def one_line(error: BaseException) -> str:
-    """What an error of another library says, on one line of bearable length."""
+    """What the error says, at most 200 characters of it."""
     return " ".join(str(error).split())[:200] or type(error).__name__

@@ -7,6 +7,7 @@ from collections import OrderedDict
 from collections.abc import Hashable
 from contextlib import suppress
 
+MAX_THREADS = 256  # starting many more ends the process
 SIZES = 64  # kept: the most recently seen
 
 

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import atexit
+import math
 import os
 import threading
+from collections import defaultdict
 from dataclasses import dataclass
+from numbers import Integral, Real
 from time import perf_counter
 from types import TracebackType
-from typing import Any
-from weakref import WeakSet
+from typing import TYPE_CHECKING, Any
+from weakref import WeakSet, finalize
 
 import numpy as np
 from numpy.typing import NDArray
 
 from anynet.errors import AnyNetError
 from anynet.predictor import Estimate, Predictor, check_images
+from anynet.scheduler import Latency
 
 
 @dataclass(frozen=True)
@@ -38,31 +42,59 @@ class _Frame:
     number: int
     stamp: Any
     submitted: float
-    left: NDArray[np.uint8]
-    right: NDArray[np.uint8]
+
+
+if TYPE_CHECKING:
+    from anynet.camera import ShiftedPredictor
+
+_Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 class Worker:
-    """Computes the newest frame, stage by stage, on a thread of its own. No method but `close` waits for it.
+    """Computes the newest frame, stage by stage, on a thread of its own. Only `result` and `close` wait for it.
 
     Use it as a context manager, or `close` it. All methods may be called from any thread. In a forked process it
     starts afresh, without the frames of its parent.
+
+    Args:
+        predictor: what computes the frames.
+        budget_ms: time for one frame, from when it is begun; as for `Predictor.predict`.
+        stage: the last stage to compute (default: all of them).
+        preempt: what becomes of the running frame when a newer one is submitted. True: it ends as soon as it has its
+            first estimate, so that every frame begun gives a result, and none is computed longer than the newest one
+            can wait. False: it is computed to its end.
+
+    Raises:
+        AnyNetError: if an option is not that.
     """
 
-    def __init__(self, predictor: Predictor) -> None:
-        self._predictor = predictor
-        self._submitted = 0
-        self._closed = False
-        self._start_afresh()
-        _workers.add(self)
-
-    def _start_afresh(self) -> None:
-        self._changed = threading.Condition()
-        self._thread: threading.Thread | None = None
-        self._waiting: _Frame | None = None
-        self._cancelled = 0  # frames up to this number are not to be worked on
-        self._latest: tuple[_Frame, Estimate] | None = None
-        self._error: Exception | None = None
+    def __init__(
+        self,
+        predictor: Predictor | ShiftedPredictor,
+        *,
+        budget_ms: float | None = None,
+        stage: int | None = None,
+        preempt: bool = True,
+    ) -> None:
+        if budget_ms is not None and (
+            isinstance(budget_ms, bool) or not isinstance(budget_ms, Real) or not budget_ms >= 0
+        ):
+            raise AnyNetError(f"Worker: expected budget_ms >= 0, got {budget_ms!r}")
+        stages = getattr(getattr(predictor, "config", None), "stages", None)  # stand-ins have none
+        if stage is not None and (
+            isinstance(stage, bool) or not isinstance(stage, Integral) or not 1 <= stage <= (stages or stage)
+        ):
+            raise AnyNetError(f"Worker: expected stage from 1 to {stages or 'the last'}, got {stage!r}")
+        if not isinstance(preempt, bool):
+            raise AnyNetError(f"Worker: expected preempt as True or False, got {preempt!r}")
+        # The thread knows this part alone: it ends when the worker itself is forgotten.
+        self._loop = _Loop(
+            predictor,
+            math.inf if budget_ms is None else float(budget_ms),
+            math.inf if stage is None else int(stage),
+            preempt,
+        )
+        finalize(self, self._loop.stop).atexit = False
 
     def submit(self, left: NDArray[np.uint8], right: NDArray[np.uint8], stamp: Any = None) -> int:
         """Hands over a frame, in place of one that waits and was not begun; the images are copied.
@@ -75,21 +107,12 @@ class Worker:
             The frame's number: 1, 2, ...
 
         Raises:
-            AnyNetError: if the images are not that, or the worker is closed.
+            AnyNetError: if the images are not that, the worker is closed, or its thread cannot be started (the next
+                frame tries again).
         """
         now = perf_counter()
         check_images(left, right)
-        left, right = left.copy(), right.copy()
-        with self._changed:
-            if self._closed:
-                raise AnyNetError("Worker: submit after close")
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="anynet-worker", daemon=True)
-                self._thread.start()
-            self._submitted += 1
-            self._waiting = _Frame(self._submitted, stamp, now, left, right)
-            self._changed.notify_all()
-            return self._submitted
+        return self._loop.submit((left.copy(), right.copy()), stamp, now)
 
     def latest(self) -> Latest | None:
         """The best estimate so far of the newest frame that has one; None before the first.
@@ -97,32 +120,34 @@ class Worker:
         Raises:
             Exception: what went wrong in the background, once; the worker goes on with the next frame.
         """
-        with self._changed:
-            error, self._error = self._error, None
-            latest = self._latest
-        if error is not None:
-            raise error
-        if latest is None:
-            return None
-        frame, estimate = latest
-        age_ms = 1e3 * (perf_counter() - frame.submitted)
-        return Latest(estimate.stage, estimate.disparity, estimate.elapsed_ms, frame.number, frame.stamp, age_ms)
+        return self._loop.latest()
+
+    def result(self, timeout: float | None = None) -> Latest | None:
+        """Waits for a frame to end, and gives the last estimate of the newest one that ended since the last call.
+
+        Args:
+            timeout: seconds to wait at most (default: until a frame ends or the worker is closed).
+
+        Returns:
+            None if no frame ended in that time, or the worker is closed.
+
+        Raises:
+            Exception: what went wrong in the background, once; the worker goes on with the next frame.
+        """
+        return self._loop.result(timeout)
 
     def cancel(self) -> None:
-        """Drops the frame that waits, and the running one after the stage it is in; its estimates so far stay."""
-        with self._changed:
-            self._waiting = None
-            self._cancelled = self._submitted
+        """Drops the frame that waits, and ends the running one after the stage it is in.
+
+        What it has so far stays; if that is nothing, its first estimate still comes, so that `cancel` before each
+        `submit` starves nobody.
+        """
+        self._loop.cancel()
 
     def close(self) -> None:
         """Cancels, and waits until the thread has ended; `latest` goes on to work."""
-        self.cancel()
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
-            thread = self._thread
-        if thread is not None and thread is not threading.current_thread():
-            thread.join()
+        self._loop.stop()
+        self._loop.join()
 
     def __enter__(self) -> Worker:
         return self
@@ -132,39 +157,146 @@ class Worker:
     ) -> None:
         self.close()
 
+
+class _Loop:
+    """What the thread and its worker share."""
+
+    def __init__(self, predictor: Predictor | ShiftedPredictor, budget_ms: float, stage: float, preempt: bool) -> None:
+        self._predictor = predictor
+        self._budget_ms = budget_ms
+        self._stage = stage
+        self._preempt = preempt
+        self._submitted = 0
+        self._closed = False
+        self.start_afresh()
+        _loops.add(self)
+
+    def start_afresh(self) -> None:
+        # Of the kind that one thread may take twice: the collector may call `stop` wherever the thread is.
+        self._changed = threading.Condition(threading.RLock())
+        self._thread: threading.Thread | None = None
+        self._waiting: tuple[_Frame, _Images] | None = None
+        self._cancelled = 0  # frames up to this number are not to be worked on
+        self._latest: tuple[_Frame, Estimate] | None = None
+        self._ended: tuple[_Frame, Estimate] | None = None
+        self._error: BaseException | None = None
+        self._shape: tuple[int, ...] = ()
+        self._latencies: defaultdict[int, Latency] = defaultdict(Latency)
+
+    def submit(self, images: _Images, stamp: Any, now: float) -> int:
+        with self._changed:
+            if self._closed:
+                raise AnyNetError("Worker: submit after close")
+            if self._thread is None:
+                thread = threading.Thread(target=self._run, name="anynet-worker", daemon=True)
+                try:
+                    thread.start()
+                except (RuntimeError, MemoryError) as error:
+                    raise AnyNetError(f"Worker: cannot start its thread: {error}") from error
+                self._thread = thread
+            self._submitted += 1
+            self._waiting = _Frame(self._submitted, stamp, now), images
+            self._changed.notify_all()
+            return self._submitted
+
+    def latest(self) -> Latest | None:
+        with self._changed:
+            self._raise_error()
+            latest = self._latest
+        return None if latest is None else _aged(*latest)
+
+    def result(self, timeout: float | None) -> Latest | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._ended or self._error or self._closed, timeout)
+            self._raise_error()
+            ended, self._ended = self._ended, None
+        return None if ended is None else _aged(*ended)
+
+    def cancel(self) -> None:
+        with self._changed:
+            self._waiting = None
+            self._cancelled = self._submitted
+
+    def stop(self) -> None:
+        with self._changed:
+            self._closed = True
+            self.cancel()
+            self._changed.notify_all()
+
+    def join(self) -> None:
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread():
+            thread.join()
+
+    def _raise_error(self) -> None:
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
     def _run(self) -> None:
-        while True:
+        while self._next_frame():
+            pass
+
+    def _next_frame(self) -> bool:
+        """Waits for a frame and computes it; False if there will be none."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting is not None or self._closed)
+            if self._waiting is None:
+                return False
+            (frame, images), self._waiting = self._waiting, None
+        try:
+            self._compute(frame, images)
+        except BaseException as error:  # whatever it is, it belongs to the caller
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting is not None or self._closed)
-                if self._closed:
+                self._error = error
+                self._changed.notify_all()
+        with self._changed:
+            if self._latest is not None and self._latest[0] is frame:
+                self._ended = self._latest
+                self._changed.notify_all()
+        return True
+
+    def _compute(self, frame: _Frame, images: _Images) -> None:
+        if images[0].shape != self._shape:  # what was learnt holds for one size
+            self._shape, self._latencies = images[0].shape, defaultdict(Latency)
+        begin = start = perf_counter()
+        for estimate in self._predictor.stages(*images):
+            end = perf_counter()
+            self._latencies[estimate.stage].measured(end - begin)
+            begin = end
+            with self._changed:
+                cancelled = frame.number <= self._cancelled
+                if not cancelled or estimate.stage == 1:
+                    self._latest = frame, estimate
+                if cancelled or estimate.stage >= self._stage or (self._preempt and self._waiting is not None):
                     return
-                frame, self._waiting = self._waiting, None
-            assert frame is not None
-            try:
-                for estimate in self._predictor.stages(frame.left, frame.right):
-                    with self._changed:
-                        if frame.number <= self._cancelled:
-                            break
-                        self._latest = frame, estimate
-            except Exception as error:  # whatever it is, it belongs to the caller
-                with self._changed:
-                    self._error = error
+            following = self._latencies[estimate.stage + 1]
+            elapsed = end - start
+            if 1e3 * (elapsed + following.expected(unknown=elapsed)) > self._budget_ms:
+                following.skipped()
+                return
 
 
-_workers: WeakSet[Worker] = WeakSet()
+def _aged(frame: _Frame, estimate: Estimate) -> Latest:
+    age_ms = 1e3 * (perf_counter() - frame.submitted)
+    return Latest(**vars(estimate), frame=frame.number, stamp=frame.stamp, age_ms=age_ms)
+
+
+_loops: WeakSet[_Loop] = WeakSet()
 
 
 @atexit.register
 def _at_exit() -> None:
     """A thread must not be inside PyTorch while the interpreter goes down."""
-    for worker in list(_workers):
-        worker.close()
+    for loop in list(_loops):
+        loop.stop()
+        loop.join()
 
 
 def _after_fork() -> None:
     """The thread is not in the child, and may have held the lock."""
-    for worker in list(_workers):
-        worker._start_afresh()
+    for loop in list(_loops):
+        loop.start_afresh()
 
 
 os.register_at_fork(after_in_child=_after_fork)

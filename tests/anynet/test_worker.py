@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
+import weakref
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -155,6 +158,202 @@ def test_nothing_blocks_while_a_stage_is_computed(worker: Worker, stepper: Stepp
     assert time.monotonic() - start < 2
 
 
+def test_a_newer_frame_takes_over_after_the_first_estimate(worker: Worker, stepper: Stepper) -> None:
+    worker.submit(image(1), IMAGE)
+    wait_for(lambda: stepper.begun == [1])
+    worker.submit(image(2), IMAGE)
+    stepper.step()
+    wait_for(lambda: stepper.begun == [1, 2])
+    assert at(worker) == (1, 1)
+    stepper.step(2)
+    wait_for(lambda: at(worker) == (2, 2))
+    worker.submit(image(3), IMAGE)
+    stepper.step()  # the stage that was running
+    wait_for(lambda: stepper.begun == [1, 2, 3])
+    assert at(worker) == (2, 3)
+
+
+def test_without_preemption_the_running_frame_is_finished(stepper: Stepper) -> None:
+    with Worker(stepper, preempt=False) as worker:
+        worker.submit(image(1), IMAGE)
+        wait_for(lambda: stepper.begun == [1])
+        worker.submit(image(2), IMAGE)
+        stepper.step(4)
+        wait_for(lambda: stepper.begun == [1, 2])
+        assert at(worker) == (1, 4)
+        stepper.step(4)
+        wait_for(lambda: at(worker) == (2, 4))
+
+
+class Slow:
+    """A predictor whose stages take a fixed time each."""
+
+    def __init__(self, seconds: float) -> None:
+        self.seconds = seconds
+        self.computed = 0
+
+    def stages(self, left: np.ndarray, right: np.ndarray) -> Iterator[Estimate]:
+        for stage in range(1, 5):
+            time.sleep(self.seconds)
+            self.computed += 1
+            yield Estimate(stage, np.zeros(left.shape[:2], np.float32), 1e3 * stage * self.seconds)
+
+
+@pytest.mark.parametrize("cancel", [False, True])
+@pytest.mark.parametrize("share", [0.6, 1.7])
+def test_a_slow_network_keeps_up_with_the_newest_frame(cancel: bool, share: float) -> None:
+    """Frames come faster than all stages, or even the first, are computed; none may starve the others."""
+    period = 0.02
+    seen: dict[int, float] = {}
+    with Worker(Slow(share * period)) as worker:
+        for _ in range(30):
+            if cancel:
+                worker.cancel()
+            worker.submit(IMAGE, IMAGE)
+            end = time.monotonic() + period
+            while time.monotonic() < end:
+                latest = worker.latest()
+                if latest is not None:
+                    seen.setdefault(latest.frame, latest.age_ms)
+                time.sleep(0.001)
+    # All but the first and last, or as many as the first stage allows; a busy machine loses some.
+    assert len(seen) >= 0.7 * 30 / max(1, share)
+    assert np.median(list(seen.values())) < 1e3 * (2 * share + 1) * period
+
+
+def test_the_last_stage(stepper: Stepper) -> None:
+    with Worker(stepper, stage=2) as worker:
+        worker.submit(image(1), IMAGE)
+        stepper.step(2)
+        latest = worker.result(10)
+        assert latest is not None
+        assert (latest.frame, latest.stage) == (1, 2)
+        worker.submit(image(2), IMAGE)
+        wait_for(lambda: stepper.begun == [1, 2])
+        stepper.step(2)
+
+
+def test_a_budget_ends_frames_in_time() -> None:
+    predictor = Slow(0.02)
+    with Worker(predictor, budget_ms=50) as worker:
+        for number in range(1, 6):
+            worker.submit(IMAGE, IMAGE)
+            latest = worker.result(10)
+            assert latest is not None
+            assert latest.frame == number
+            assert 1 <= latest.stage <= 2
+        assert latest.stage == 2 or predictor.computed < 10  # a busy machine may do less, never more
+    with Worker(predictor, budget_ms=0) as worker:
+        worker.submit(IMAGE, IMAGE)
+        latest = worker.result(10)
+        assert latest is not None
+        assert latest.stage == 1
+
+
+def test_result_gives_each_frame_once(worker: Worker, stepper: Stepper) -> None:
+    assert worker.result(0.01) is None
+    stepper.step(4)
+    worker.submit(image(7), IMAGE, stamp="noon")
+    latest = worker.result(10)
+    assert latest is not None
+    assert (latest.frame, latest.stage, latest.stamp) == (1, 4, "noon")
+    assert worker.result(0.01) is None
+    stepper.step()
+    worker.submit(image(13), IMAGE)
+    with pytest.raises(ZeroDivisionError):
+        worker.result(10)
+    assert worker.result(0.01) is None
+    waiting = threading.Timer(0.05, worker.close)
+    waiting.start()
+    assert worker.result() is None
+    waiting.join()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"budget_ms": "5"}, "expected budget_ms >= 0, got '5'"),
+        ({"budget_ms": True}, "expected budget_ms >= 0, got True"),
+        ({"budget_ms": float("nan")}, "expected budget_ms >= 0, got nan"),
+        ({"budget_ms": -1}, "expected budget_ms >= 0, got -1"),
+        ({"stage": 2.5}, "expected stage from 1 to 4, got 2.5"),
+        ({"stage": True}, "expected stage from 1 to 4, got True"),
+        ({"stage": "2"}, "expected stage from 1 to 4, got '2'"),
+        ({"stage": 0}, "expected stage from 1 to 4, got 0"),
+        ({"stage": 5}, "expected stage from 1 to 4, got 5"),
+        ({"preempt": "no"}, "expected preempt as True or False, got 'no'"),
+    ],
+)
+def test_options_that_cannot_be(predictor: Predictor, options: dict[str, object], message: str) -> None:
+    with pytest.raises(AnyNetError, match=re.escape(message)):
+        Worker(predictor, **options)
+
+
+def test_a_thread_that_cannot_start(worker: Worker, stepper: Stepper, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(thread: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", fail)
+        for _ in range(2):
+            with pytest.raises(AnyNetError, match="cannot start its thread: can't start new thread"):
+                worker.submit(image(1), IMAGE)
+        worker.close()  # nothing to wait for
+    with Worker(stepper) as other:
+        with monkeypatch.context() as patch:
+            patch.setattr(threading.Thread, "start", fail)
+            with pytest.raises(AnyNetError):
+                other.submit(image(1), IMAGE)
+        assert other.submit(image(2), IMAGE) == 1  # the next one tries again
+        stepper.step(4)
+        wait_for(lambda: at(other) == (1, 4))
+
+
+def test_a_frame_that_ends_its_thread_does_not_end_the_worker(worker: Worker, stepper: Stepper) -> None:
+    class Exit:
+        def stages(self, left: np.ndarray, right: np.ndarray) -> Iterator[Estimate]:
+            if left[0, 0, 0]:
+                raise SystemExit("out of the predictor")
+            yield Estimate(1, np.zeros((8, 8), np.float32), 1.0)
+
+    with Worker(Exit()) as worker:
+        worker.submit(image(1), IMAGE)
+        with pytest.raises(SystemExit):
+            worker.result(10)
+        worker.submit(image(0), IMAGE)
+        wait_for(lambda: at(worker) == (2, 1))
+
+
+def test_a_worker_dropped_without_close_ends_its_thread(stepper: Stepper) -> None:
+    def threads() -> int:
+        return sum(thread.name == "anynet-worker" for thread in threading.enumerate())
+
+    before = threads()
+    stepper.step(1000)
+    for _ in range(20):
+        worker = Worker(stepper)
+        worker.submit(image(1), IMAGE)
+        assert worker.result(10) is not None
+    assert threads() > before
+    del worker
+    wait_for(lambda: threads() == before)
+
+
+def test_frames_are_forgotten(stepper: Stepper) -> None:
+    """Neither the thread that waits nor the newest estimate keeps a frame's images."""
+    copies: list[weakref.ref[np.ndarray]] = []
+
+    class Watch(Stepper):
+        def stages(self, left: np.ndarray, right: np.ndarray) -> Iterator[Estimate]:
+            copies.extend([weakref.ref(left), weakref.ref(right)])
+            yield Estimate(1, np.zeros((8, 8), np.float32), 1.0)
+
+    with Worker(Watch()) as worker:
+        worker.submit(IMAGE, IMAGE)
+        assert worker.result(10) is not None
+        wait_for(lambda: len(copies) == 2 and all(copy() is None for copy in copies))
+
+
 @pytest.fixture(scope="module")
 def predictor(tmp_path_factory: pytest.TempPathFactory) -> Predictor:
     torch.manual_seed(0)
@@ -199,6 +398,59 @@ def test_many_threads_under_load(predictor: Predictor) -> None:
     assert min(polls) > 0
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(0)
+def test_sixteen_threads_on_two_workers(predictor: Predictor) -> None:
+    """Whatever meets whatever, every estimate is, bit for bit, that of its frame computed alone.
+
+    ANYNET_STRESS_SECONDS says for how long (default 20).
+    """
+    end = time.monotonic() + float(os.environ.get("ANYNET_STRESS_SECONDS", "20"))
+    frames = [np.random.default_rng(i).integers(0, 256, (2, 32 + 16 * i, 48, 3), dtype=np.uint8) for i in range(4)]
+    truth = [[e.disparity for e in predictor.stages(*frame)] for frame in frames]
+    problems: list[str] = []
+    counts: Counter[str] = Counter()
+
+    def check(what: str, stage: int, frame: int, disparity: np.ndarray) -> None:
+        counts[what] += 1
+        if not np.array_equal(disparity, truth[frame][stage - 1]):
+            problems.append(f"{what}: stage {stage} of frame {frame} differs")
+
+    def act(seed: int) -> None:
+        random = np.random.default_rng(seed)
+        try:
+            while time.monotonic() < end and not problems:
+                worker, frame = workers[random.integers(2)], int(random.integers(4))
+                match random.integers(8):
+                    case 0:
+                        estimate = predictor.predict(*frames[frame], stage=int(random.integers(1, 5)))
+                        check("predict", estimate.stage, frame, estimate.disparity)
+                    case 1:
+                        worker.cancel()
+                    case 2 | 3:
+                        worker.submit(*frames[frame], stamp=frame)
+                        counts["submit"] += 1
+                    case 4:
+                        if (latest := worker.result(0.01)) is not None:
+                            check("result", latest.stage, latest.stamp, latest.disparity)
+                    case _:
+                        if (latest := worker.latest()) is not None:
+                            check("latest", latest.stage, latest.stamp, latest.disparity)
+        except Exception as error:
+            problems.append(repr(error))
+
+    with Worker(predictor) as first, Worker(predictor, budget_ms=5, preempt=False) as second:
+        workers = first, second
+        threads = [threading.Thread(target=act, args=(seed,)) for seed in range(16)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert problems == []
+    assert min(counts[what] for what in ("predict", "submit", "result", "latest")) > 20
+    print(dict(counts))
+
+
 def test_a_forked_child_starts_afresh(predictor: Predictor) -> None:
     with Worker(predictor) as worker:
         worker.submit(IMAGE, IMAGE)
@@ -224,3 +476,19 @@ image = numpy.zeros((64, 64, 3), numpy.uint8)
 worker.submit(image, image)
 """
     subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+
+
+@pytest.mark.parametrize("end", ["pass", "raise SystemExit(0)", "worker.submit(image, image)"])
+def test_a_worker_busy_at_exit(tmp_path: Path, end: str) -> None:
+    save_checkpoint(tmp_path / "random.safetensors", AnyNet())
+    program = f"""
+import numpy, anynet
+worker = anynet.Worker(anynet.Predictor({str(tmp_path / "random.safetensors")!r}))
+image = numpy.zeros((400, 600, 3), numpy.uint8)
+for _ in range(20):
+    worker.submit(image, image)
+    worker.result(0.01)
+{end}
+"""
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert (result.returncode, result.stderr) == (0, "")

@@ -19,7 +19,9 @@ from torch.overrides import TorchFunctionMode
 import anynet_ext
 from anynet import AnyNet
 
-SCRIPTS = sorted(path.name for path in Path(measure.__file__).parent.glob("*.py") if path.name != "measure.py")
+SCRIPTS = sorted(
+    path.name for path in Path(measure.__file__).parent.glob("*.py") if path.name not in ("measure.py", "peers.py")
+)
 
 
 class Calls(TorchFunctionMode):
@@ -111,7 +113,7 @@ def test_interleaved_calls_take_turns_and_slow_ones_fewer() -> None:
 
 def test_figures() -> None:
     assert measure.median_ratio([2.0, 9.0, 4.0], [1.0, 3.0, 2.0]) == 2.0
-    assert measure.Limits(1, operations=1e9, bandwidth=1e6).ms(1e6, 5e3) == 5.0
+    assert measure.Limits(1, loops={}, operations=1e9, product=5e8, bandwidth=1e6).ms(1e6, 5e3) == 5.0
     left, right = measure.pair(48, 64)
     assert (left[:, 20:] == right[:, :-20]).all()
     figure, axes = measure.subplots(ncols=2)

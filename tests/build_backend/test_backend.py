@@ -1,4 +1,4 @@
-"""Which torch a build uses, and when it asks for one of its own."""
+"""Which torch a build uses, when it asks for one of its own, and which OpenCV the package will depend on."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def install(folder: Path, version: str, headers: bool = True) -> Path:
-    metadata = folder / f"torch-{version}.dist-info"
+def install(folder: Path, version: str, headers: bool = True, name: str = "torch") -> Path:
+    metadata = folder / f"{name.replace('-', '_')}-{version}.dist-info"
     metadata.mkdir(parents=True)
-    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: torch\nVersion: {version}\n")
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
     (folder / "torch" / ("include" if headers else "")).mkdir(parents=True)
     return folder / "torch"
 
@@ -75,3 +75,10 @@ def test_a_given_folder_comes_before_all(
     install(environment, "2.13.0")
     monkeypatch.setenv("ANYNET_TORCH_DIR", "/elsewhere/torch")
     assert backend.find_torch() == Path("/elsewhere/torch")
+
+
+@pytest.mark.parametrize("name", ["opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless"])
+def test_depends_on_the_opencv_that_is_there(backend: ModuleType, environment: Path, name: str) -> None:
+    assert backend.find_opencv() == "opencv-python-headless"
+    install(environment, "4.10.0.84", name=name)
+    assert backend.find_opencv() == name

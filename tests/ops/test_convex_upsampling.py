@@ -27,7 +27,7 @@ class TestConvexUpsampling(InferenceOperator):
     op = "convex_upsampling"
     cases: ClassVar = {
         f"{shape}": convex_call(*shape)
-        for shape in [(2, 4, 5), (1, 1, 1), (2, 5, 70), (1, 3, 16), (1, 40, 33), (0, 4, 4), (1, 0, 4)]
+        for shape in [(2, 4, 5), (1, 1, 1), (2, 5, 70), (1, 3, 16), (1, 40, 33), (0, 4, 4)]
     }
     errors: ClassVar = [
         (lambda: call(random(1, 2, 2, 2), random(1, 32, 2, 2)), r"input of shape \[1, 1, 2, 2\], got \[1, 2, 2, 2\]"),
@@ -37,6 +37,10 @@ class TestConvexUpsampling(InferenceOperator):
         ),
         (lambda: call(random(1, 2, 2), random(1, 32, 2, 2)), "input as contiguous float32 tensor of 4 dimensions"),
     ]
+
+
+def test_an_empty_map() -> None:
+    assert anynet_ext.convex_upsampling(random(1, 1, 0, 4), random(1, 32, 0, 4)).shape == (1, 1, 0, 8)
 
 
 def test_the_reference_has_gradients() -> None:

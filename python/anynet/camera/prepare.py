@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -141,6 +142,12 @@ class PairPreparation:
         if smallest:
             notes.append(f"disparities looked for from {smallest} pixels on")
         return PreparedPair(left, right, calibration, smallest, valid, tuple(findings), tuple(notes))
+
+    def following(self, first: PreparedPair) -> PairPreparation:
+        """For the frames after the first of a stream: without its checks, and with what it found."""
+        following = copy.copy(self)
+        following._check, following._min_disparity = False, first.min_disparity
+        return following
 
     def _hint(self) -> str:
         """What may be the reason for rows that do not agree."""

@@ -3,24 +3,33 @@
 A command is a function in a module of this package; what its signature and docstring say is its help. Only the command
 that is asked for is imported, so that help does not wait for torch.
 
-Exit status: 0 done; 2 the user's mistake, told in one line on stderr; 1 an error of the program (with a traceback), or
-nobody reads the output any more; 130 interrupted.
+Exit status: 0 done; 2 the user's mistake or a file that cannot be used, told in one line on stderr; 1 an error of the
+program (with a traceback), or nobody reads the output any more; 130 interrupted.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
-from collections.abc import Callable, Sequence
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
-
-import typer
+from types import FrameType
+from typing import TYPE_CHECKING, TextIO
 
 from anynet.errors import AnyNetError
+
+if TYPE_CHECKING:
+    import typer
 
 # name: module in this package that has a function of that name, summary
 COMMANDS = {
     "predict": ("predict", "Disparity, depth and point clouds from pairs of images."),
+    "stream": ("stream", "The same as the frames come: cameras, videos, folders, recordings."),
+    "view": ("view", "A page in the browser: disparity, confidence and cloud, live."),
     "demo": ("demo", "Every stage on a real pair that comes along: times, errors, pictures."),
     "calibrate": ("calibrate", "A rig's calibration from pictures of a board."),
     "train": ("train", "Train a network from scratch."),
@@ -36,23 +45,38 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     # Before torch loads OpenMP: threads that wait spinning take the cores from all others that have work.
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-    try:
+    _open_closed_streams()
+    with _interruptible_imports(), warnings.catch_warnings():
+        warnings.showwarning = _show_warning
         try:
-            _application(arguments[0] if arguments else "")(arguments, prog_name="anynet")
-        finally:
-            sys.stdout.flush()  # a closed pipe shows here, not at exit
-    except AnyNetError as error:
-        print(f"anynet: {error}", file=sys.stderr)
-        return 2
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that Python's last flush is quiet
-        return 1
-    except SystemExit as end:  # how typer ends
-        return end.code if isinstance(end.code, int) else 0
-    raise AssertionError("typer ends with SystemExit")
+            try:
+                _check_working_folder()
+                _application(arguments[0] if arguments else "")(arguments, prog_name="anynet")
+            finally:
+                sys.stdout.flush()  # a closed pipe or a full disk shows here, not at exit
+        except AnyNetError as error:
+            _tell(str(error))
+            return 2
+        except BrokenPipeError:
+            _discard_output()
+            return 1
+        except OSError as error:  # a file, a folder or a stream; never the program's own mistake
+            _discard_output()
+            _tell(": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None))
+            return 2
+        except MemoryError:
+            _tell("out of memory")
+            return 2
+        except KeyboardInterrupt:
+            return 130
+        except SystemExit as end:  # how typer ends
+            return end.code if isinstance(end.code, int) else 0
+        raise AssertionError("typer ends with SystemExit")
 
 
 def _application(chosen: str) -> typer.Typer:
+    import typer
+
     application = typer.Typer(
         help="Stereo depth that can be stopped at any moment.",
         add_completion=False,
@@ -71,3 +95,67 @@ def _application(chosen: str) -> typer.Typer:
 
 def _no_options() -> None:
     """Stands for the commands that are not asked for; they appear in the help only."""
+
+
+@contextmanager
+def _interruptible_imports() -> Iterator[None]:
+    """Ends the process on Ctrl-C during an import: libraries swallow KeyboardInterrupt there, or show a traceback."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        while frame is not None:
+            if frame.f_globals.get("__name__") == "importlib._bootstrap":
+                os._exit(130)
+            frame = frame.f_back
+        raise KeyboardInterrupt
+
+    usual = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not, where the parent ignores it
+    if not usual or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _check_working_folder() -> None:
+    """Libraries end the process where it is gone, each with a message of its own."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise AnyNetError(f"the working folder cannot be used: {error.strerror}") from None
+
+
+def _open_closed_streams() -> None:
+    """Gives the process the standard streams that its parent has closed, so that no other file gets their place."""
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(number)
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+
+
+def _discard_output() -> None:
+    """So that Python's last flush of what cannot be written is quiet."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _tell(text: str) -> None:
+    """One line on stderr, whatever is in the names of files."""
+    with suppress(OSError):
+        print("anynet:", *text.splitlines(), file=sys.stderr)
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    _tell(f"warning: {message}")

@@ -12,7 +12,9 @@ import typer
 from rich.console import Console
 
 from anynet.cli.told import telling_warnings
+from anynet.cli.trust import LeftRight
 from anynet.errors import AnyNetError
+from anynet.scheduler import MAX_THREADS
 
 
 class OpenCV(str, Enum):
@@ -35,7 +37,12 @@ class Region(str, Enum):
 def evaluate(
     data: Annotated[list[str], typer.Option(help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...]; repeatable.")],
     weights: Annotated[
-        list[str] | None, typer.Option(help="Weights, a packaged name or a file; repeatable. [default: default]")
+        list[str] | None,
+        typer.Option(help="Weights of any network, a packaged name or a file; repeatable. [default: default]"),
+    ] = None,
+    model: Annotated[
+        list[str] | None,
+        typer.Option(help="A baseline of anynet.baselines.MODELS with random weights, to time it; repeatable."),
     ] = None,
     input_scale: Annotated[
         float | None,
@@ -43,10 +50,16 @@ def evaluate(
     ] = None,
     method: Annotated[list[OpenCV] | None, typer.Option(help="OpenCV's matcher beside them; repeatable.")] = None,
     region: Annotated[list[Region] | None, typer.Option(help="Pixels to count; repeatable. [default: all]")] = None,
+    confidence: Annotated[
+        bool, typer.Option("--confidence", help="How good the confidences are, instead of the disparities.")
+    ] = False,
+    left_right: LeftRight = False,
     splits: Annotated[
         bool, typer.Option("--splits", help="Each weights on its own data, in order: mean and deviation of the splits.")
     ] = False,
-    threads: Annotated[int | None, typer.Option(help="CPU threads. Default: PyTorch's.", min=1)] = None,
+    threads: Annotated[
+        int | None, typer.Option(help="CPU threads. Default: PyTorch's.", min=1, max=MAX_THREADS)
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for results.md, results.json and a figure per method and data set.")
     ] = None,
@@ -54,21 +67,36 @@ def evaluate(
     """Measure error and time, stage by stage."""
     import cv2
 
-    from anynet import Predictor
+    from anynet.baselines import BaselineConfig, BaselineModel, BaselinePredictor
     from anynet.data import open_dataset
     from anynet.evaluation import opencv, report
     from anynet.evaluation.evaluate import Method, compare
+    from anynet.evaluation.methods import open_method
     from anynet.io import write_image
     from anynet.io.files import make_folder, write_atomically
 
     if threads is not None:
         cv2.setNumThreads(threads)
+    if left_right and not confidence:
+        raise AnyNetError("--left-right belongs to --confidence")
+    if confidence:
+        if model or method or splits:
+            raise AnyNetError("--confidence excludes --model, --method and --splits")
+        regions = [choice.value for choice in region or [Region.all]]
+        print(_confidence(data, weights or ["default"], regions, threads, input_scale, left_right, out), end="")
+        return
     methods: list[tuple[str, Method]] = []
-    for name in weights or ([] if method else ["default"]):
-        methods.append((name, Predictor(name, threads=threads, input_scale=input_scale).stages))
+    for name in weights or ([] if method or model else ["default"]):
+        methods.append((name, open_method(name, threads=threads, input_scale=input_scale)))
+    for name in model or []:
+        random = BaselineModel(BaselineConfig(model=name, input_scale=input_scale or 1))
+        methods.append((f"{name}, random weights", BaselinePredictor(random, threads=threads).stages))
     for choice in method or []:
         methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))
     datasets = [open_dataset(spec) for spec in data]
+    for spec, dataset in zip(data, datasets, strict=True):
+        if not len(dataset):
+            raise AnyNetError(f"data set {spec!r}: expected at least one sample, got none")
     regions = [choice.value for choice in region or [Region.all]]
     if splits and (len(methods) != len(data) or len(regions) > 1):
         raise AnyNetError(
@@ -80,6 +108,8 @@ def evaluate(
     rounds = (
         [(dict([m]), d) for m, d in zip(methods, named, strict=True)] if splits else [(dict(methods), d) for d in named]
     )
+    if out is not None:
+        make_folder(out)  # before the work, not after it
     progress = Console(stderr=True)
     results: report.Results = {}
     numbers = count()  # of the figures
@@ -91,7 +121,6 @@ def evaluate(
             for (name, where), evaluation in compare(runs, samples, regions).items():
                 results[name, spec, where] = evaluation
         if out is not None:
-            make_folder(out)
             for run in runs.values():
                 write_image(out / f"{next(numbers)}.png", report.figure(run, samples[0]))
     text = report.splits_markdown(list(results.values())) if splits else report.markdown(results)
@@ -99,3 +128,33 @@ def evaluate(
         write_atomically(out / "results.md", text.encode())
         write_atomically(out / "results.json", json.dumps(report.to_json(results), indent=2).encode())
     print(text, end="")
+
+
+def _confidence(
+    data: list[str],
+    weights: list[str],
+    regions: list[str],
+    threads: int | None,
+    input_scale: float | None,
+    left_right: bool,
+    out: Path | None,
+) -> str:
+    from anynet import Predictor
+    from anynet.data import open_dataset
+    from anynet.evaluation.confidence import evaluate_confidence, markdown, to_json
+    from anynet.io.files import make_folder, write_atomically
+
+    results = {}
+    predictors = {name: Predictor(name, threads=threads, input_scale=input_scale) for name in weights}
+    for spec in data:
+        samples = open_dataset(spec)
+        for name, predictor in predictors.items():
+            for region in regions:
+                scores = evaluate_confidence(predictor, samples, region, left_right=left_right)
+                results[name, spec, region] = scores
+    text = markdown(results)
+    if out is not None:
+        make_folder(out)
+        write_atomically(out / "confidence.md", text.encode())
+        write_atomically(out / "confidence.json", json.dumps(to_json(results), indent=2).encode())
+    return text

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import glob
 import os
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from PIL import Image
-
 from anynet.errors import AnyNetError
+from anynet.io.images import endings
+
+_STAGE = re.compile(r"_stage\d+$")
+_WILDCARD = re.compile(r"(\*\*/|\*+|\?|\[!?\]?[^\]]*\])")
 
 
 @dataclass(frozen=True)
@@ -22,58 +28,138 @@ class Pair:
 
 
 def find_pairs(left: str, right: str) -> tuple[list[Pair], list[Path]]:
-    """The pairs of two files, of two folders (the same file name in both) or of two glob patterns (in sorted order).
+    """The pairs of two files, of two folders or of two glob patterns.
+
+    In folders, files of one name are a pair; hidden ones are left out. Of patterns those are where the wildcards stand
+    for the same text, or else the same numbers; where no two files agree, the patterns' files in sorted order.
 
     Returns:
-        The pairs, and the images of a folder that have no partner in the other.
+        The pairs, whose names differ on every file system, and the images that have no partner.
 
     Raises:
-        AnyNetError: if there is no pair, or the patterns find different numbers of files.
+        AnyNetError: if there is no pair, or the patterns find different numbers of files that do not agree.
     """
     if os.path.isdir(left) and os.path.isdir(right):
         return _in_folders(Path(left), Path(right))
     if os.path.isdir(left) or os.path.isdir(right):
         raise AnyNetError(f"expected two folders or two files, got {left} and {right}")
-    lefts, rights = _matches(left), _matches(right)
-    if len(lefts) != len(rights):
-        raise AnyNetError(
-            f"expected as many left as right images, got {len(lefts)} for {left}, {len(rights)} for {right}"
-        )
-    return [Pair(*files) for files in zip(_names(lefts), lefts, rights, strict=True)], []
+    return _in_patterns(left, right)
 
 
 def _in_folders(left: Path, right: Path) -> tuple[list[Pair], list[Path]]:
-    endings = Image.registered_extensions()
-    images = [{p.name: p for p in sorted(folder.iterdir()) if p.suffix.lower() in endings} for folder in (left, right)]
-    common = [name for name in images[0] if name in images[1]]
-    if not common:
+    known = endings()
+    images: list[dict[Hashable, Path]] = [
+        {name: folder / name for name in sorted(os.listdir(folder)) if name[0] != "." and _ending(name) in known}
+        for folder in (left, right)
+    ]
+    if not images[0].keys() & images[1].keys():
         raise AnyNetError(
             f"expected images of the same names in {left} and {right}, got {len(images[0])} and {len(images[1])} "
             "images without a common name"
         )
-    alone = [path for found in images for name, path in found.items() if name not in common]
-    lefts = [images[0][name] for name in common]
-    return [Pair(n, path, images[1][path.name]) for n, path in zip(_names(lefts), lefts, strict=True)], alone
+    return _matched(*images)
 
 
-def _matches(pattern: str) -> list[Path]:
+def _ending(name: str) -> str:
+    return os.path.splitext(name)[1].lower()
+
+
+def _in_patterns(left: str, right: str) -> tuple[list[Pair], list[Path]]:
+    lefts, rights = _matches(left), _matches(right)
+    for key in (_text, _numbers):
+        keyed = [_by_key(paths, pattern, key) for paths, pattern in ((lefts, left), (rights, right))]
+        if keyed[0].keys() & keyed[1].keys():
+            return _matched(*keyed)
+    if len(lefts) != len(rights):
+        raise AnyNetError(
+            f"expected as many left as right images, got {len(lefts)} for {left}, {len(rights)} for {right}"
+        )
+    return _matched(dict(enumerate(map(Path, lefts))), dict(enumerate(map(Path, rights))))
+
+
+def _matched(left: Mapping[Hashable, Path], right: Mapping[Hashable, Path]) -> tuple[list[Pair], list[Path]]:
+    """The images of equal keys as pairs, in the left ones' order, and those without a partner."""
+    common = [key for key in left if key in right]
+    alone = [path for key, path in left.items() if key not in right]
+    alone += [path for key, path in right.items() if key not in left]
+    names = _names([left[key] for key in common])
+    return [Pair(name, left[key], right[key]) for name, key in zip(names, common, strict=True)], alone
+
+
+def _matches(pattern: str) -> list[str]:
     """The file of that name or the files that match the pattern, sorted."""
     if os.path.exists(pattern) or not glob.has_magic(pattern):
-        return [Path(pattern)]  # a missing file is told where it is read
-    found = [Path(name) for name in sorted(glob.glob(pattern, recursive=True)) if os.path.isfile(name)]
+        return [pattern]  # a missing file is told where it is read
+    found = [name for name in sorted(glob.glob(pattern, recursive=True)) if os.path.isfile(name)]
     if not found:
         raise AnyNetError(f"no file matches {pattern}")
     return found
 
 
+def _by_key(
+    paths: list[str], pattern: str, key: Callable[[tuple[str, ...]], tuple[Hashable, ...]]
+) -> dict[Hashable, Path]:
+    """The paths by what the wildcards stand for; empty if that does not tell them apart."""
+    pieces = _WILDCARD.split(pattern)
+    fixed = [re.escape(piece) for piece in pieces[::2]]
+    wild = [_group(piece) for piece in pieces[1::2]]
+    expression = re.compile("".join(a + b for a, b in zip(fixed, [*wild, ""], strict=True)), re.DOTALL)
+    found = [expression.fullmatch(path) for path in paths]
+    keyed: dict[Hashable, Path] = {
+        key(match.groups()): Path(path) for match, path in zip(found, paths, strict=True) if match is not None
+    }
+    return keyed if len(keyed) == len(paths) and () not in keyed else {}
+
+
+def _group(wildcard: str) -> str:
+    return {"**/": "((?:.*/)?)", "**": "(.*)", "*": "([^/]*)"}.get(wildcard, "([^/])")
+
+
+def _text(wildcards: tuple[str, ...]) -> tuple[Hashable, ...]:
+    return wildcards
+
+
+def _numbers(wildcards: tuple[str, ...]) -> tuple[Hashable, ...]:
+    return tuple(number.lstrip("0") for text in wildcards for number in re.findall("[0-9]+", text))
+
+
 def _names(paths: list[Path]) -> list[str]:
-    """One name per file: without folder and ending if that tells them apart, else with more of the path."""
-    folder = os.path.commonpath([path.resolve().parent for path in paths])
-    relative = [path.resolve().relative_to(folder) for path in paths]
+    """One name per file: without folder and ending if that tells them apart, else with more of the path.
+
+    Not with what links point to: two may point to one file.
+    """
+    above = len(Path(os.path.commonpath([path.parent for path in paths])).parts)
+    joined = ["_".join(path.parts[above:]).replace(".", "_") for path in paths]
     for names in (
         [path.stem for path in paths],
-        ["_".join(path.with_suffix("").parts) for path in relative],
+        ["_".join(path.with_suffix("").parts[above:]) for path in paths],
     ):
-        if len(set(names)) == len(names):
+        if _numbered(names) == names:
             return names
-    return ["_".join(path.parts).replace(".", "_") for path in relative]
+    return _numbered(joined)
+
+
+def _numbered(names: list[str]) -> list[str]:
+    """The names, with a number behind those whose results would overwrite another's.
+
+    File systems may take names for equal that differ in case or in the form of accents. NAME_stage1 is taken by the
+    earlier stages of NAME.
+    """
+    taken: set[str] = set()
+    reserved: set[str] = set()  # the names of which one is an earlier stage's
+    numbers: Counter[str] = Counter()
+    result = []
+    for name in names:
+        candidate = name
+        while (
+            (key := unicodedata.normalize("NFKC", candidate.casefold())) in taken
+            or key in reserved
+            or _STAGE.sub("", key) in taken
+        ):
+            numbers[name] += 1
+            candidate = f"{name}_{numbers[name] + 1}"
+        taken.add(key)
+        if _STAGE.search(key):
+            reserved.add(_STAGE.sub("", key))
+        result.append(candidate)
+    return result

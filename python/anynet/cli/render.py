@@ -11,11 +11,11 @@ import typer
 
 def render(
     out: Annotated[Path, typer.Option(help="Folder for the pairs; those already there are kept.")],
-    count: Annotated[int, typer.Option(min=1, help="Number of pairs.")] = 3000,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the first pair; each next one adds 1.")] = 0,
-    height: Annotated[int, typer.Option(min=64, help="Pixels.")] = 384,
-    width: Annotated[int, typer.Option(min=64, help="Pixels.")] = 768,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; by default one per core.")] = None,
+    count: Annotated[int, typer.Option(min=1, max=10**7, help="Number of pairs.")] = 3000,
+    seed: Annotated[int, typer.Option(min=0, max=2**62, help="Seed of the first pair; each next one adds 1.")] = 0,
+    height: Annotated[int, typer.Option(min=64, max=16384, help="Pixels.")] = 384,
+    width: Annotated[int, typer.Option(min=64, max=16384, help="Pixels.")] = 768,
+    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes; by default one per core.")] = None,
 ) -> None:
     """Renders random stereo pairs with exact disparity and occlusion of both views, for `anynet train`."""
     from rich.progress import track

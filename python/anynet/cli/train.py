@@ -70,7 +70,7 @@ def _network(options: list[str]) -> AnyNetConfig:
             continue
         try:
             values[name] = json.loads(value)
-        except json.JSONDecodeError:
+        except (ValueError, RecursionError):  # also of numbers too long for Python
             raise AnyNetError(
                 f"--network: expected one of {', '.join(presets.NETWORKS)}, or NAME=VALUE like features.channels=2, "
                 f"got {option!r}"

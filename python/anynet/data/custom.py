@@ -3,29 +3,42 @@
 from __future__ import annotations
 
 import csv
+import math
 from pathlib import Path
 
 from anynet.data.files import Files, PairFiles, folder, nothing
 from anynet.errors import AnyNetError
+from anynet.io.disparity import FORMATS
+from anynet.io.files import read_text, telling_damage
+from anynet.io.images import endings
 
-TRUTHS = (".png", ".pfm", ".npy", ".npz")
 COLUMNS = ("left", "right", "disparity", "depth", "calibration")
+MAX_ROWS = 200_000
 
 
 def folders(root: str | Path, scale: str | float | None = None) -> PairFiles:
     """root/left, root/right and root/disparity, files of one sample having the same stem.
+
+    Hidden files, and those with other endings than images and disparity maps have, are left out.
 
     Args:
         scale: levels per pixel of disparity in PNG files; by default KITTI's 16 bits / 256.
     """
     wanted = "left/, right/ and disparity/ with files of equal names"
     path = folder(root, wanted)
-    sides = [{f.stem: f for f in sorted((path / side).glob("*.*"))} for side in ("left", "right", "disparity")]
-    left, right, truth = sides
-    stems = [stem for stem in left if stem in right and stem in truth and truth[stem].suffix in TRUTHS]
+    images = endings()
+    left, right, truth = (
+        {
+            file.stem: file
+            for file in sorted((path / side).glob("*.*"))
+            if file.name[0] != "." and file.suffix.lower() in known
+        }
+        for side, known in (("left", images), ("right", images), ("disparity", FORMATS))
+    )
+    stems = [stem for stem in left if stem in right and stem in truth]
     if not stems:
         raise nothing(path, wanted)
-    factor = None if scale is None else float(scale)
+    factor = _factor(scale)
     files = [Files(name=s, left=left[s], right=right[s], disparity=truth[s], scale=factor) for s in stems]
     return PairFiles(path.name, files)
 
@@ -39,22 +52,26 @@ def table(path: str | Path, scale: str | float | None = None, unit: str | None =
     source = Path(path)
     if not source.is_file():
         raise AnyNetError(f"{path}: expected a CSV file with columns {', '.join(COLUMNS)}; there is no such file")
-    factor = None if scale is None else float(scale)
-    files = []
-    with source.open(newline="") as lines:
-        rows = csv.DictReader(lines)
+    factor = _factor(scale)
+    files: list[Files] = []
+    with telling_damage(path, "not a CSV file"):
+        rows = csv.DictReader(read_text(source).splitlines(keepends=True), restkey="more")
         unknown = set(rows.fieldnames or ()) - set(COLUMNS)
         if unknown or not {"left", "right"} <= set(rows.fieldnames or ()):
-            raise AnyNetError(
-                f"{path}: expected columns among {', '.join(COLUMNS)}, got {', '.join(rows.fieldnames or ['none'])}"
-            )
-        for number, row in enumerate(rows, start=2):
-            place = {column: source.parent / entry for column, entry in row.items() if entry}
-            if not {"left", "right"} <= set(place) or (
-                "depth" in place and ("calibration" not in place or "disparity" in place)
+            got = ", ".join(map(repr, rows.fieldnames or ["none"]))[:200]
+            raise AnyNetError(f"{path}: expected columns among {', '.join(COLUMNS)}, got {got}")
+        for row in rows:
+            if len(files) == MAX_ROWS:
+                raise AnyNetError(f"{path}: expected at most {MAX_ROWS} rows")
+            place = {column: source.parent / entry for column, entry in row.items() if isinstance(entry, str) and entry}
+            if (
+                "more" in row
+                or not {"left", "right"} <= set(place)
+                or ("depth" in place and ("calibration" not in place or "disparity" in place))
             ):
                 wanted = "left, right, and disparity or depth + calibration"
-                raise AnyNetError(f"{path}:{number}: expected {wanted}, got {', '.join(place)}")
+                got = ", ".join(column for column, entry in row.items() if entry)
+                raise AnyNetError(f"{path}:{rows.line_num}: expected {wanted}, got {got}")
             files.append(
                 Files(
                     name=place["left"].stem,
@@ -68,3 +85,15 @@ def table(path: str | Path, scale: str | float | None = None, unit: str | None =
                 )
             )
     return PairFiles(source.stem, files)
+
+
+def _factor(scale: str | float | None) -> float | None:
+    if scale is None:
+        return None
+    try:
+        factor = float(scale)
+    except ValueError:
+        factor = math.nan
+    if not 0 < factor < math.inf:
+        raise AnyNetError(f"expected scale > 0, got {scale}")
+    return factor

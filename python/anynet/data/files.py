@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from anynet.camera import Calibration, read_calibration
 from anynet.errors import AnyNetError
 from anynet.io import read_depth, read_disparity, read_pair
+from anynet.io.files import read_text
 from anynet.io.images import open_image
 from anynet.samples import Dataset, StereoSample
 
@@ -70,7 +71,9 @@ class PairFiles(Dataset):
             if not isinstance(calibration, Calibration):
                 raise AnyNetError(f"{files.calibration}: expected a calibration of rectified images, got raw cameras")
             calibration.check_size(shape[1], shape[0])
-            disparity = np.float32(calibration.focal * calibration.baseline) / disparity - np.float32(calibration.doffs)
+            with np.errstate(divide="ignore"):  # a depth of 0 is unknown
+                disparity = np.float32(calibration.focal * calibration.baseline) / disparity
+            disparity = np.where(disparity > 0, disparity - np.float32(calibration.doffs), np.float32(np.nan))
         valid = np.isfinite(disparity)
         return StereoSample(
             left=left,
@@ -145,4 +148,4 @@ def names_in(split: str | Path, root: Path) -> list[str]:
     path = first_existing((root / split, Path(split)))
     if path is None:
         raise AnyNetError(f"{split}: no such split file, neither in {root} nor in the working folder")
-    return [line.split()[0] for line in path.read_text().splitlines() if line.strip()]
+    return [line.split()[0] for line in read_text(path).splitlines() if line.strip()]

@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from PIL import Image
-
 from anynet.data.files import Files, PairFiles, first_existing, folder, nothing
+from anynet.io.images import image_size
 
 
 def _scenes(name: str, root: str | Path, wanted: str, scene: Callable[[Path], Files | None]) -> PairFiles:
@@ -23,8 +22,7 @@ def _scenes(name: str, root: str | Path, wanted: str, scene: Callable[[Path], Fi
 
 
 def _height(image: Path) -> int:
-    with Image.open(image) as opened:
-        return opened.height
+    return image_size(image)[1]
 
 
 def middlebury2001(root: str | Path) -> PairFiles:

@@ -54,7 +54,9 @@ def open_dataset(spec: str) -> Dataset:
     options = dict(part.partition("=")[::2] for part in query.split("&") if part)
     try:
         return OPENERS[kind](root, options)
-    except TypeError as error:
+    except AnyNetError:
+        raise
+    except (TypeError, ValueError) as error:  # an option that there is not, or that is no number
         raise AnyNetError(f"data set {spec!r}: {error}") from None
 
 

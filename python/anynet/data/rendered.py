@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anynet.errors import AnyNetError
-from anynet.io.files import make_folder, write_atomically
+from anynet.io.files import make_folder, read_text, telling_damage, write_atomically
 from anynet.samples import MAX_DISPARITY, Dataset, RenderedSample
 from anynet.synthetic import render
 
@@ -26,6 +26,10 @@ class Rendered(Dataset):
     """`count` pairs rendered when asked for, from the seeds `seed`, `seed` + 1, ..."""
 
     def __init__(self, count: int, seed: int = 0, height: int = 384, width: int = 768) -> None:
+        if count < 1 or seed < 0 or min(height, width) < 64:
+            raise AnyNetError(
+                f"rendered pairs: expected 1 or more of 64 x 64 or more, got {count} of {width} x {height}"
+            )
         self.name = "rendered"
         self._count, self._seed, self._size = count, seed, (height, width)
 
@@ -70,9 +74,12 @@ class RenderedFolder(Dataset):
 
     def load(self, index: int) -> RenderedSample:
         path = self._files[index]
-        record: NDArray[Any] = np.load(path, mmap_mode="r")
-        disparity, right_disparity = np.multiply(record["disparity"], np.float32(1 / SCALE), dtype=np.float32)
-        occluded, right_occluded = record["occluded"]
+        with telling_damage(path, "not a pair that `anynet render` wrote"):
+            record: NDArray[Any] = np.load(path, mmap_mode="r")
+            if record.ndim or record.dtype != _record(*record.dtype["disparity"].shape[1:]):
+                raise ValueError(f"got {record.dtype} {list(record.shape)}")
+            disparity, right_disparity = np.multiply(record["disparity"], np.float32(1 / SCALE), dtype=np.float32)
+            occluded, right_occluded = record["occluded"]
         return RenderedSample(
             left=record["left"],
             right=record["right"],
@@ -101,10 +108,8 @@ def write_rendered(
     make_folder(root)
     about = root / "render.json"
     settings = {"height": height, "width": width}
-    if about.exists() and json.loads(about.read_text()) != settings:
-        raise AnyNetError(
-            f"{root}: holds pairs rendered with {about.read_text().strip()}, asked for {json.dumps(settings)}"
-        )
+    if about.exists() and (stored := read_text(about).strip()) != json.dumps(settings):
+        raise AnyNetError(f"{root}: holds pairs rendered with {stored[:100]!r}, asked for {json.dumps(settings)}")
     write_atomically(about, json.dumps(settings).encode())
     wanted = {root / f"{number:07d}.npy": number for number in range(seed, seed + count)}
     missing = {path: number for path, number in wanted.items() if not path.exists()}

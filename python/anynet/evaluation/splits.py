@@ -14,10 +14,15 @@ def write_splits(names: Sequence[str], folder: Path, count: int = 5, share: floa
     Data sets take such a file as `split` (only these) and as `without` (all but these).
     """
     folder.mkdir(parents=True, exist_ok=True)
-    rng = np.random.default_rng(seed)
     files = []
-    for number in range(count):
-        chosen = sorted(rng.permutation(list(names))[: round(share * len(names))])
+    for number, chosen in enumerate(draw_splits(len(names), count, share, seed)):
         files.append(folder / f"split{number}.txt")
-        files[-1].write_text("".join(f"{name}\n" for name in chosen))
+        files[-1].write_text("".join(f"{name}\n" for name in sorted(names[i] for i in chosen)))
     return files
+
+
+def draw_splits(pairs: int, count: int = 5, share: float = 0.2, seed: int = 0) -> list[list[int]]:
+    """`count` times the indices of a random share of so many pairs, at least one: those to validate on."""
+    rng = np.random.default_rng(seed)
+    size = max(1, round(share * pairs))
+    return [sorted(rng.permutation(pairs)[:size].tolist()) for _ in range(count)]

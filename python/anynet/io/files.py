@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from anynet.errors import AnyNetError
+from anynet.errors import AnyNetError, one_line
 
 MAX_PIXELS = 2**26  # 67 megapixels: larger than images of cameras, small enough to decode in seconds
 MAX_TEXT = 2**24  # bytes
@@ -54,11 +54,6 @@ def telling_damage(path: str | os.PathLike[str], what: str) -> Iterator[None]:
         raise
     except Exception as error:
         raise AnyNetError(f"cannot read {path}: {what} ({one_line(error)})") from error
-
-
-def one_line(error: BaseException) -> str:
-    """What the error says, at most 200 characters of it."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def read_bytes(path: str | os.PathLike[str], limit: int | None = None) -> bytes:

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from anynet.errors import AnyNetError
 from anynet.model.config import AnyNetConfig
-from anynet.model.features import UNet
+from anynet.model.features import SeparateFeatures, UNet
 from anynet.model.first_stage import FirstStage
 from anynet.model.refinement import Refinement
 from anynet.model.residual_stage import residual_stage
@@ -29,7 +29,7 @@ class AnyNet(nn.Module):
     def __init__(self, config: AnyNetConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or AnyNetConfig()
-        self.features = UNet(config.features)
+        self.features = SeparateFeatures(config.features) if config.features.separate else UNet(config.features)
         self.first_stage = FirstStage(config)
         self.residual_stages = nn.ModuleList(residual_stage(config, i) for i in range(config.features.blocks))
         self.refinement = Refinement(config.refinement, config.finest)

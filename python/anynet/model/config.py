@@ -8,34 +8,13 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from anynet.errors import AnyNetError
+from anynet.model.bounds import check_flag, check_range, check_whole
 
 # Of ImageNet's RGB values in 0..1: what the network's inputs are normalized by.
 MEAN = (0.485, 0.456, 0.406)
 STD = (0.229, 0.224, 0.225)
 
 INPUT_SCALES = 1 / 16, 4.0  # smallest and largest
-FARTHEST = 1024  # disparity or residual to test, in pixels of its stage
-
-
-def _check_whole(part: object, name: str, low: int, high: int) -> None:
-    value = getattr(part, name)
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-        raise AnyNetError(f"{type(part).__name__}: expected {name} as an integer from {low} to {high}, got {value!r}")
-
-
-def _check_flag(part: object, name: str) -> None:
-    value = getattr(part, name)
-    if not isinstance(value, bool):
-        raise AnyNetError(f"{type(part).__name__}: expected {name} as true or false, got {value!r}")
-
-
-def _check_range(part: object, name: str, value: object) -> None:
-    whole = isinstance(value, tuple) and len(value) == 2 and all(type(end) is int for end in value)
-    if not (whole and -FARTHEST <= value[0] <= value[1] <= FARTHEST):  # type: ignore[index]
-        raise AnyNetError(
-            f"{type(part).__name__}: expected {name} as (first, last), integers with first <= last "
-            f"from {-FARTHEST} to {FARTHEST}, got {value!r}"
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,16 +25,20 @@ class FeaturesConfig:
         channels: at full and half resolution; doubled with each halving after that.
         blocks: below 1/4 resolution; each halves it.
         layers: convolutions per block.
+        separate: not one U-Net, but a network per stage that shares nothing with the others (the paper's ablation,
+            Fig. 7). Paper: no.
     """
 
     channels: int = 1
     blocks: int = 2
     layers: int = 2
+    separate: bool = False
 
     def __post_init__(self) -> None:
-        _check_whole(self, "channels", 1, 64)
-        _check_whole(self, "blocks", 1, 5)
-        _check_whole(self, "layers", 1, 16)
+        check_whole(self, "channels", 1, 64)
+        check_whole(self, "blocks", 1, 5)
+        check_whole(self, "layers", 1, 16)
+        check_flag(self, "separate")
 
     @property
     def widths(self) -> list[int]:
@@ -86,12 +69,12 @@ class FirstStageConfig:
     excitation: bool = False
 
     def __post_init__(self) -> None:
-        _check_range(self, "range", self.range)
-        _check_whole(self, "channels", 1, 256)
-        _check_whole(self, "layers", 0, 16)
-        _check_whole(self, "hourglass", 0, 4)
-        _check_flag(self, "fine_costs")
-        _check_flag(self, "excitation")
+        check_range(self, "range", self.range)
+        check_whole(self, "channels", 1, 256)
+        check_whole(self, "layers", 0, 16)
+        check_whole(self, "hourglass", 0, 4)
+        check_flag(self, "fine_costs")
+        check_flag(self, "excitation")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +88,8 @@ class ResidualStagesConfig:
         candidate_radius: 0, the paper's: residuals alone, judged in three dimensions. More: also the nearest and the
             farthest disparity at most so many pixels away, all judged in two dimensions (`CandidateStage`).
         reverse: test disparity `d - s` where `d + s` is counted, as the authors' released code and weights do.
+        full_range: no residuals: each stage tests all disparities of the first stage's range, and forgets the estimate
+            before (the paper's ablation, Fig. 7). `ranges` then say nothing. Paper: no.
     """
 
     ranges: tuple[tuple[int, int], ...] = ((-2, 2), (-2, 2))
@@ -112,21 +97,25 @@ class ResidualStagesConfig:
     layers: int = 4
     candidate_radius: int = 0
     reverse: bool = False
+    full_range: bool = False
 
     def __post_init__(self) -> None:
         for name in ("ranges", "channels"):
             if not isinstance(getattr(self, name), tuple):
                 raise AnyNetError(f"ResidualStagesConfig: expected {name}, one per stage, got {getattr(self, name)!r}")
         for ends in self.ranges:
-            _check_range(self, "ranges", ends)
+            check_range(self, "ranges", ends)
         for channels in self.channels:
             if type(channels) is not int or not 1 <= channels <= 256:
                 raise AnyNetError(f"ResidualStagesConfig: expected channels from 1 to 256, got {self.channels!r}")
-        _check_whole(self, "layers", 0, 16)
-        _check_whole(self, "candidate_radius", 0, 64)
-        _check_flag(self, "reverse")
-        if self.candidate_radius and self.reverse:
-            raise AnyNetError("ResidualStagesConfig: expected no candidate_radius with reverse")
+        check_whole(self, "layers", 0, 16)
+        check_whole(self, "candidate_radius", 0, 64)
+        check_flag(self, "reverse")
+        check_flag(self, "full_range")
+        if bool(self.candidate_radius) + self.reverse + self.full_range > 1:
+            raise AnyNetError(
+                "ResidualStagesConfig: expected one of candidate_radius, reverse and full_range, got more"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,13 +141,13 @@ class RefinementConfig:
     convex_upsampling: bool = False
 
     def __post_init__(self) -> None:
-        _check_whole(self, "channels", 1, 64)
+        check_whole(self, "channels", 1, 64)
         directions = self.directions
         known = isinstance(directions, tuple) and all(type(d) is int and 0 <= d <= 3 for d in directions)
         if not known or not directions or len(set(directions)) < len(directions):
             raise AnyNetError(f"RefinementConfig: expected directions of distinct 0, 1, 2, 3, got {directions!r}")
         for name in ("fill_occlusions", "warp_error", "convex_upsampling"):
-            _check_flag(self, name)
+            check_flag(self, name)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +161,8 @@ class AnyNetConfig:
             many times the work squared. Resolutions below are those of the resized images; estimates have the size and
             the pixels of the images as they came.
         groups: the features' channels are compared in so many groups, each a channel of the cost volume (group-wise,
-            Guo et al., arXiv 1903.04025). Paper: 1.
+            Guo et al., arXiv 1903.04025). 0: not compared, but concatenated, C channels to volumes of 2C (the paper's
+            ablation, Fig. 7). Paper: 1.
         features, first_stage, residual_stages, refinement: the parts.
 
     Raises:
@@ -196,12 +186,14 @@ class AnyNetConfig:
         scale = self.input_scale
         if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not low <= scale <= high:
             raise AnyNetError(f"AnyNetConfig: expected input_scale from {low:g} to {high:g}, got {scale!r}")
-        _check_whole(self, "groups", 1, 128)
+        check_whole(self, "groups", 0, 128)
         finest = self.features.widths[0]
-        if finest % self.groups:
+        if self.groups and finest % self.groups:
             raise AnyNetError(
                 f"AnyNetConfig: expected groups to divide the finest features' {finest} channels, got {self.groups}"
             )
+        if not self.groups and (self.first_stage.fine_costs or self.residual_stages.candidate_radius):
+            raise AnyNetError("AnyNetConfig: expected groups above 0 with fine_costs or candidate_radius, got 0")
         for name in ("ranges", "channels"):
             count = len(getattr(self.residual_stages, name))
             if count != self.features.blocks:

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from anynet.model.layers import Affine, Hourglass, PreActivation
-from anynet_ext import cost_volume
+from anynet_ext import cost_volume, warp
 
 _ops = torch.ops.anynet
 
 
 def group_cost_volume(features: Tensor, disparity: Tensor | None, first: int, last: int, groups: int) -> Tensor:
-    """The group-wise cost volume [N, groups, D, h, w] of features [2N, C, h, w] of all left, then all right images."""
+    """The group-wise cost volume [N, groups, D, h, w] of features [2N, C, h, w] of all left, then all right images.
+
+    Of no groups, it is [N, 2C, D, h, w]: the left features and the right ones of each disparity.
+    """
+    if not groups:
+        return _concatenated(features, disparity, first, last)
     _, c, *size = features.shape
     # The groups of a pair's channels go as so many pairs.
     left, right = features.reshape(2, -1, c // groups, *size)
@@ -24,16 +30,29 @@ def group_cost_volume(features: Tensor, disparity: Tensor | None, first: int, la
     return volume.view(-1, groups, *volume.shape[1:])
 
 
+def _concatenated(features: Tensor, disparity: Tensor | None, first: int, last: int) -> Tensor:
+    left, right = features.chunk(2)
+    around = left.new_zeros(left[:, :1].shape) if disparity is None else disparity
+    pairs = [torch.cat([left, warp(right, around + offset)], 1) for offset in range(first, last + 1)]
+    return torch.stack(pairs, 2)
+
+
 class DeployedCostVolume(nn.Module):
     """The same of one pair, through the norm (an affine) and ReLU of the layer after it."""
 
     def __init__(self, groups: int, first: int, last: int, affine: Affine) -> None:
         super().__init__()
         self.groups, self.first, self.last = groups, first, last
+        self.scale: Tensor
+        self.shift: Tensor
         self.register_buffer("scale", affine[0])
         self.register_buffer("shift", affine[1])
 
     def forward(self, features: Tensor, disparity: Tensor | None = None) -> Tensor:
+        if not self.groups:
+            shape = (-1, 1, 1, 1)
+            volume = _concatenated(features, disparity, self.first, self.last)
+            return torch.addcmul(self.shift.view(shape), volume, self.scale.view(shape)).relu_()
         left, right = features.view(2, self.groups, -1, *features.shape[2:]).unbind()
         if disparity is not None:
             disparity = disparity.expand(self.groups, -1, -1, -1)
@@ -43,9 +62,9 @@ class DeployedCostVolume(nn.Module):
         return out[None]
 
 
-def cost_network(groups: int, channels: int, layers: int, hourglass: int = 0, guide: int = 0) -> nn.Sequential:
-    """Layers from a cost volume [N, groups, D, H, W] to costs [N, 1, D, H, W]."""
-    widths, middle = [groups, *[channels] * (layers + 1), 1], 1 + (layers + 1) // 2
+def cost_network(inputs: int, channels: int, layers: int, hourglass: int = 0, guide: int = 0) -> nn.Sequential:
+    """Layers from a cost volume [N, inputs, D, H, W] to costs [N, 1, D, H, W]."""
+    widths, middle = [inputs, *[channels] * (layers + 1), 1], 1 + (layers + 1) // 2
     network = nn.Sequential(
         *(
             PreActivation(*ends, dims=3, guide=guide if i in (1, middle) else 0)
@@ -64,3 +83,23 @@ def begin_undecided(network: nn.Sequential) -> None:
     last = network[-1]
     assert isinstance(last, PreActivation)
     last.conv.weight.mul_(0.1)
+
+
+class Distribution(NamedTuple):
+    """What a deployed stage's softmax weighs: costs [1, D, h, w] of the values first, first + 1, ..., and offsets."""
+
+    cost: Tensor
+    first: int
+    offsets: Tensor | None = None
+
+    def deviation(self) -> Tensor:
+        """Standard deviation [h, w], in pixels of the stage's features."""
+        weight = (-self.cost[0]).softmax(0)
+        extra = 0 if self.offsets is None else self.offsets.shape[1]
+        count = len(weight) - extra
+        values = torch.arange(self.first, self.first + count, dtype=weight.dtype)
+        mean, square = (torch.stack([values, values**2]) @ weight[:count].flatten(1)).view(2, *weight.shape[1:])
+        if self.offsets is not None:
+            mean = mean + (weight[count:] * self.offsets[0]).sum(0)
+            square = square + (weight[count:] * self.offsets[0] ** 2).sum(0)
+        return (square - mean**2).clamp_(min=0).sqrt_()

@@ -16,18 +16,19 @@ _ops = torch.ops.anynet
 
 
 class UNet(nn.Module):
-    """The way down once, and the way up one level at a time."""
+    """The way down once, and the way up one level at a time; with `down_to`, the way down to that level alone."""
 
-    def __init__(self, config: FeaturesConfig) -> None:
+    def __init__(self, config: FeaturesConfig, *, down_to: int | None = None) -> None:
         super().__init__()
-        c, widths = config.channels, config.widths
+        c, widths = config.channels, config.widths if down_to is None else config.widths[: down_to + 1]
         self.first = Convolution(3, c, bias=True)
         self.halve = PreActivation(c, c, stride=2)
         self.down = nn.ModuleList(
             chain([i] + [o] * config.layers) for i, o in zip([c, *widths[:-1]], widths, strict=True)
         )
         self.up = nn.ModuleList(  # in order of use, coarse to fine
-            chain([widths[i] + widths[i + 1]] + [widths[i]] * config.layers) for i in reversed(range(config.blocks))
+            chain([widths[i] + widths[i + 1]] + [widths[i]] * config.layers)
+            for i in reversed(range(config.blocks if down_to is None else 0))
         )
 
     def encode(self, image: Tensor) -> list[Tensor]:
@@ -52,6 +53,57 @@ class UNet(nn.Module):
     def deploy(self, enlargement: int, stride: int) -> DeployedUNet:
         """For images that are enlarged so many times, and then padded to multiples of `stride` pixels."""
         return DeployedUNet(self, enlargement, enlargement * stride)
+
+
+class SeparateFeatures(nn.Module):
+    """A network per stage in the U-Net's stead (section IV-C of the paper).
+
+    Each is the U-Net's way down as far as the stage's resolution and, in place of the way up, as many layers there.
+    """
+
+    def __init__(self, config: FeaturesConfig) -> None:
+        super().__init__()
+        widths = config.widths
+        levels = range(config.blocks, -1, -1)  # coarse to fine
+        self.encoders = nn.ModuleList(UNet(config, down_to=level) for level in levels)
+        self.blocks = nn.ModuleList(chain([widths[i]] + [widths[i]] * config.layers) for i in levels[1:])
+
+    def encode(self, image: Tensor) -> list[Tensor]:
+        """The image, and the coarsest network's way down."""
+        coarsest = self.encoders[0]
+        assert isinstance(coarsest, UNet)
+        return [image, *coarsest.encode(image)]
+
+    def decode(self, skips: list[Tensor]) -> Iterator[Tensor]:
+        """As `UNet.decode`: each network runs when its features are asked for."""
+        image = skips[0]
+        yield skips[-1]
+        for encoder, block in zip(self.encoders[1:], self.blocks, strict=True):
+            yield block(encoder.encode(image)[-1])  # type: ignore[operator]
+
+    def deploy(self, enlargement: int, stride: int) -> DeployedSeparateFeatures:
+        """As `UNet.deploy`."""
+        return DeployedSeparateFeatures(self, enlargement, stride)
+
+
+class DeployedSeparateFeatures(nn.Module):
+    """The same on images in bytes."""
+
+    def __init__(self, features: SeparateFeatures, enlargement: int, stride: int) -> None:
+        super().__init__()
+        self.encoders = nn.ModuleList(e.deploy(enlargement, stride) for e in features.encoders)  # type: ignore[operator]
+        self.blocks = nn.ModuleList(deploy_chain(list(block)) for block in features.blocks)  # type: ignore[call-overload]
+
+    def encode(self, left: Tensor, right: Tensor) -> list[Tensor]:
+        coarsest = self.encoders[0]
+        assert isinstance(coarsest, DeployedUNet)
+        return [left, right, *coarsest.encode(left, right)]
+
+    def decode(self, skips: list[Tensor]) -> Iterator[Tensor]:
+        left, right = skips[:2]
+        yield skips[-1]
+        for encoder, block in zip(self.encoders[1:], self.blocks, strict=True):
+            yield run(block, encoder.encode(left, right)[-1])  # type: ignore[operator,arg-type]
 
 
 class DeployedUNet(nn.Module):

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from anynet.model.config import AnyNetConfig
-from anynet.model.cost_volume import DeployedCostVolume, cost_network, group_cost_volume
+from anynet.model.cost_volume import DeployedCostVolume, Distribution, cost_network, group_cost_volume
 from anynet.model.layers import PreActivation, affine_of, deploy_chain, run
 from anynet_ext import soft_argmin
 
@@ -21,7 +21,8 @@ class FirstStage(nn.Module):
         c = config.first_stage
         self.groups, self.range = config.groups, c.range
         guide = config.features.widths[-1] if c.excitation else 0
-        self.network = cost_network(config.groups, c.channels, c.layers, c.hourglass, guide)
+        inputs = config.groups or 2 * config.features.widths[-1]
+        self.network = cost_network(inputs, c.channels, c.layers, c.hourglass, guide)
         self.fine_costs: PreActivation | None = None
         if c.fine_costs:
             self.fine_costs = PreActivation(config.groups, c.channels, dims=3, stride=2)
@@ -67,11 +68,11 @@ class DeployedFirstStage(nn.Module):
             self.fine_volume = DeployedCostVolume(stage.groups, 2 * self.first, 2 * last + 1, affine)
             self.fine_costs = stage.fine_costs.deploy(None, (scale, torch.zeros_like(shift)), relu_out=False)
 
-    def forward(self, features: Tensor, finer: Tensor) -> Tensor:
+    def forward(self, features: Tensor, finer: Tensor) -> tuple[Tensor, Distribution]:
         begin, *rest = self.layers
         x = begin(self.volume(features))
         if self.fine_costs is not None and self.fine_volume is not None:
             x.add_(self.fine_costs(self.fine_volume(finer))).relu_()
         cost = run(rest, x, features[:1])
         out: Tensor = _ops.soft_argmin.default(cost[:, 0], self.first)
-        return out
+        return out, Distribution(cost[:, 0], self.first)

@@ -6,15 +6,17 @@ import torch
 from torch import Tensor, nn
 
 from anynet.model.config import AnyNetConfig
-from anynet.model.cost_volume import DeployedCostVolume, begin_undecided, cost_network, group_cost_volume
+from anynet.model.cost_volume import DeployedCostVolume, Distribution, begin_undecided, cost_network, group_cost_volume
 from anynet.model.layers import PreActivation, affine_of, chain, deploy_chain, run
 from anynet_ext import cost_volume, reference, soft_argmin
 
 _ops = torch.ops.anynet
 
 
-def residual_stage(config: AnyNetConfig, index: int) -> ResidualStage | CandidateStage:
+def residual_stage(config: AnyNetConfig, index: int) -> ResidualStage | CandidateStage | FullRangeStage:
     """The residual stage number `index`, from 0."""
+    if config.residual_stages.full_range:
+        return FullRangeStage(config, index)
     return CandidateStage(config, index) if config.residual_stages.candidate_radius else ResidualStage(config, index)
 
 
@@ -27,7 +29,8 @@ class ResidualStage(nn.Module):
         super().__init__()
         c = config.residual_stages
         self.groups, self.range, self.reverse = config.groups, c.ranges[index], c.reverse
-        self.network = cost_network(config.groups, c.channels[index], c.layers)
+        inputs = config.groups or 2 * config.features.widths[-2 - index]
+        self.network = cost_network(inputs, c.channels[index], c.layers)
 
     def forward(self, features: Tensor, disparity: Tensor) -> Tensor:
         """The residual [N, 1, h, w] of the disparity, both in pixels of the features [2N, C, h, w]."""
@@ -61,10 +64,51 @@ class DeployedResidualStage(nn.Module):
             for layer in self.layers:
                 layer.weight = torch.flip(layer.weight, (2,))  # type: ignore[arg-type]
 
-    def forward(self, features: Tensor, disparity: Tensor) -> Tensor:
+    def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
         cost = run(self.layers, self.volume(features, disparity))[:, 0]
         out: Tensor = _ops.soft_argmin.default(cost, self.first)
-        return out.neg_() if self.sign < 0 else out
+        return out.neg_() if self.sign < 0 else out, Distribution(cost, self.first)
+
+
+class FullRangeStage(nn.Module):
+    """The full disparity again, at finer features: what stages would be without residuals (section IV-C, Fig. 7)."""
+
+    replaces = True
+
+    def __init__(self, config: AnyNetConfig, index: int) -> None:
+        super().__init__()
+        c = config.residual_stages
+        finer = 2 ** (index + 1)
+        first, last = config.first_stage.range
+        self.groups, self.range = config.groups, (finer * first, finer * (last + 1) - 1)
+        inputs = config.groups or 2 * config.features.widths[-2 - index]
+        self.network = cost_network(inputs, c.channels[index], c.layers)
+
+    def forward(self, features: Tensor, disparity: Tensor) -> Tensor:
+        """The disparity [N, 1, h, w], in pixels of the features [2N, C, h, w]; the one known before is not used."""
+        cost: Tensor = self.network(group_cost_volume(features, None, *self.range, self.groups))
+        return soft_argmin(cost[:, 0], self.range[0])
+
+    def deploy(self) -> DeployedFullRangeStage:
+        return DeployedFullRangeStage(self)
+
+
+class DeployedFullRangeStage(nn.Module):
+    """The same of one pair."""
+
+    replaces = True
+
+    def __init__(self, stage: FullRangeStage) -> None:
+        super().__init__()
+        self.first, last = stage.range
+        begin = stage.network[0]
+        assert isinstance(begin, PreActivation)
+        self.volume = DeployedCostVolume(stage.groups, self.first, last, affine_of(begin.norm))
+        self.layers = deploy_chain(list(stage.network), activated=True)
+
+    def forward(self, features: Tensor, disparity: Tensor) -> Tensor:
+        out: Tensor = _ops.soft_argmin.default(run(self.layers, self.volume(features))[:, 0], self.first)
+        return out
 
 
 class CandidateStage(nn.Module):
@@ -108,8 +152,8 @@ class DeployedCandidateStage(nn.Module):
         self.groups, self.range, self.radius = stage.groups, stage.range, stage.radius
         self.layers = deploy_chain(list(stage.network))
 
-    def forward(self, features: Tensor, disparity: Tensor) -> Tensor:
+    def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
         x = _ops.candidate_costs.default(features, disparity, self.groups, *self.range, self.radius)
         cost = run(self.layers, x)
         out: Tensor = _ops.expected_disparity.default(cost, disparity, x[:, -2:], self.range[0])
-        return out
+        return out, Distribution(cost, self.range[0], x[:, -2:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from datetime import timedelta
 from pathlib import Path
 from statistics import fmean
@@ -14,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation
+from anynet.io.files import read_bytes, write_atomically
 
 
 class RunLog:
@@ -41,8 +43,8 @@ class RunLog:
         self._task = self._progress.add_task("training", total=steps, completed=step)
         self._file = None
         if path is not None:
-            lines = path.read_text().splitlines(keepends=True) if path.exists() else []
-            path.write_text("".join(line for line in lines if line.endswith("\n") and json.loads(line)["step"] <= step))
+            lines = read_bytes(path).splitlines(keepends=True) if path.exists() else []
+            write_atomically(path, b"".join(line for line in lines if _step_of(line) <= step))
             self._file = path.open("a")
         self._events = _events(tensorboard) if tensorboard is not None else None
         self._recent: list[list[float]] = []
@@ -107,6 +109,14 @@ class RunLog:
         if self._file is not None:
             self._file.write(json.dumps(line) + "\n")
             self._file.flush()
+
+
+def _step_of(line: bytes) -> float:
+    """The step that a line tells of; of damaged ones, which a machine that lost its power may leave, infinity."""
+    try:
+        return float(json.loads(line)["step"]) if line.endswith(b"\n") else math.inf
+    except (KeyError, RecursionError, TypeError, ValueError):
+        return math.inf
 
 
 def _events(folder: Path) -> Any:

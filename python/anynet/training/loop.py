@@ -18,14 +18,15 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
-from anynet.checkpoint import load_checkpoint, load_partial, save_checkpoint
+from anynet.baselines.model import BaselineConfig, BaselineModel, load_baseline, stored_config
+from anynet.checkpoint import find_weights, load_checkpoint, load_partial, save_checkpoint
 from anynet.data import StereoSample, open_datasets
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
-from anynet.io.files import make_folder, write_atomically
+from anynet.evaluation.methods import open_method
+from anynet.io.files import make_folder, read_bytes, remove_unfinished, telling_damage, write_atomically
 from anynet.model.anynet import AnyNet
 from anynet.model.config import MEAN, STD
-from anynet.predictor import Predictor
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes, process_group, synchronize_batch_norm
 from anynet.training.log import RunLog
@@ -85,7 +86,10 @@ def _locked(out: Path) -> Iterator[None]:
         held = filelock.FileLock(out / LOCK).acquire(timeout=PATIENCE)
     except filelock.Timeout:
         raise AnyNetError(f"{out}: another process is training there") from None
+    except OSError as error:
+        raise AnyNetError(f"cannot write {out / LOCK}: {error.strerror}") from error
     with held:
+        remove_unfinished(out)  # of a run that was killed
         yield
 
 
@@ -105,6 +109,19 @@ def _normalized(image: Tensor) -> Tensor:
     return (image - mean) / deviation
 
 
+def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
+    """The network as the run begins with it."""
+    if recipe.model is not None:
+        return BaselineModel(BaselineConfig(model=recipe.model, input_scale=recipe.input_scale or 1))
+    if recipe.weights is None:
+        return AnyNet(recipe.network)
+    if recipe.load_partial:
+        return load_partial(recipe.weights, recipe.network)
+    if stored_config(find_weights(recipe.weights)) is not None:
+        return load_baseline(recipe.weights)
+    return load_checkpoint(recipe.weights, recipe.input_scale)
+
+
 class _Run:
     """A run at some step: model, optimizer and the running average of the weights are all its state."""
 
@@ -119,15 +136,11 @@ class _Run:
         self.recipe, self.out, self.data, self.validation, self.group = recipe, out, data, validation, group
         self.steps = recipe.length(len(data))
         torch.manual_seed(recipe.seed)
-        if recipe.weights is not None:
-            if recipe.load_partial:
-                self.model = load_partial(recipe.weights, recipe.network)
-            else:
-                self.model = load_checkpoint(recipe.weights, recipe.input_scale)
-        else:
-            self.model = AnyNet(recipe.network)
+        self.model = _begun(recipe)
         self.model.to(group.device).train()
-        weights = recipe.stage_weights_of(self.model.config.stages)
+        usual = self.model.loss_weights if isinstance(self.model, BaselineModel) else ()
+        count = self.model.config.stages if isinstance(self.model, AnyNet) else len(usual)
+        weights = recipe.stage_weights_of(count, usual)
         self.stages = max(stage for stage, weight in enumerate(weights, 1) if weight > 0)
         self.stage_weights = torch.tensor(weights[: self.stages], device=group.device)
         averaging = get_ema_multi_avg_fn(recipe.ema_decay)  # type: ignore[no-untyped-call]
@@ -135,7 +148,7 @@ class _Run:
         self.parallel: nn.Module = self.model
         if group.world_size > 1:
             synchronize_batch_norm(self.model, group.device)
-            unused = self.stages < self.model.config.stages
+            unused = self.stages < count
             self.parallel = DistributedDataParallel(self.model, broadcast_buffers=False, find_unused_parameters=unused)
         self.optimizer = torch.optim.Adam(self.model.parameters(), recipe.learning_rate, fused=True)
         self.step = 0
@@ -211,17 +224,26 @@ class _Run:
 
     def _restore(self) -> None:
         # The data and the learning rate of a step follow from its number, and nothing else in a step is random.
-        state = torch.load(self.out / CHECKPOINT, map_location=self.group.device, weights_only=True)
-        self.step = state["step"]
-        self.model.load_state_dict(state["model"])
-        self.average.load_state_dict(state["average"])
-        self.optimizer.load_state_dict(state["optimizer"])
+        path = self.out / CHECKPOINT
+        content = io.BytesIO(read_bytes(path))
+        with telling_damage(path, "not a sound checkpoint of this run"):
+            state = torch.load(content, map_location=self.group.device, weights_only=True)
+            if not isinstance(state["step"], int) or not 0 <= state["step"] <= self.steps:
+                raise AnyNetError(f"{path}: expected a step from 0 to {self.steps}, got {state['step']}")
+            self.step = state["step"]
+            self.model.load_state_dict(state["model"])
+            self.average.load_state_dict(state["average"])
+            self.optimizer.load_state_dict(state["optimizer"])
 
     def _export(self) -> None:
         recipe = json.loads(self.recipe.to_json())
-        save_checkpoint(self.out / WEIGHTS, cast(AnyNet, self.average.module), {"recipe": recipe, "steps": self.step})
+        save_checkpoint(
+            self.out / WEIGHTS,
+            cast("AnyNet | BaselineModel", self.average.module),
+            {"recipe": recipe, "steps": self.step},
+        )
 
     def _validate(self) -> dict[str, Evaluation]:
         self._export()
-        predictor = Predictor(self.out / WEIGHTS, threads=self.recipe.threads)
-        return {name: evaluate(predictor.stages, samples) for name, samples in self.validation.items()}
+        method = open_method(self.out / WEIGHTS, threads=self.recipe.threads)
+        return {name: evaluate(method, samples) for name, samples in self.validation.items()}

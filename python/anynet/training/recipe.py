@@ -7,18 +7,45 @@ import json
 import math
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from anynet.errors import AnyNetError
+from anynet.errors import AnyNetError, one_line
+from anynet.io.files import read_text
 from anynet.model import presets
 from anynet.model.config import AnyNetConfig, as_tuples
+from anynet.scheduler import MAX_THREADS
 
 Schedule = Literal["constant", "step", "cosine"]
+
+
+_BOUNDS = {
+    "threads": (1, MAX_THREADS),
+    "workers": (0, MAX_THREADS),
+    "seed": (0, 2**63 - 1),
+    "warmup_steps": (0, 2**31 - 1),
+    "milestone": (0, 1),
+}
 
 
 def _option(default: Any, help: str, *, runtime: bool = False) -> Any:
     """A field with its help text. `runtime`: says how to run, not what to learn, so it may change when resuming."""
     return field(default=default, metadata={"help": help, "runtime": runtime})
+
+
+def _is(value: Any, kind: Any) -> bool:
+    """Whether the value is of the annotated type; whole numbers are floats too."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return any(_is(value, one) for one in inner)
+    if origin is Literal:
+        return isinstance(value, str)
+    if origin is tuple:
+        kinds = [inner[0]] * len(value) if inner[-1] is ... and isinstance(value, (tuple, list)) else inner
+        return isinstance(value, (tuple, list)) and len(value) == len(kinds) and all(map(_is, value, kinds))
+    if kind in (int, float):
+        return isinstance(value, (int, float) if kind is float else int) and not isinstance(value, bool)
+    return isinstance(value, kind)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +63,7 @@ class Recipe:
         False, "Load those weights that have their place in --network; what then lacks weights begins anew."
     )
     network: AnyNetConfig = _option(AnyNetConfig(), "Shape of the network, where the weights do not tell it.")
+    model: str | None = _option(None, "A baseline of anynet.baselines.MODELS instead of AnyNet, from random weights.")
     steps: int | None = _option(None, "Length of the run in steps of one batch.")
     epochs: int | None = _option(None, "Length of the run in passes over the data (instead of steps).")
     batch_size: int = _option(6, "Pairs per step, over all processes.")
@@ -73,12 +101,22 @@ class Recipe:
     tensorboard: bool = _option(False, "Write TensorBoard events as well as the log.", runtime=True)
 
     def __post_init__(self) -> None:
+        for name, kind in get_type_hints(Recipe).items():
+            if not _is(getattr(self, name), kind):
+                expected = kind.__name__ if isinstance(kind, type) else str(kind).replace("typing.", "")
+                raise AnyNetError(f"{name}: expected {expected}, got {getattr(self, name)!r:.100}")
+        for name, (low, high) in _BOUNDS.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise AnyNetError(f"{name}: expected {low} to {high}, got {value}")
         for name in ("batch_size", "log_every", "checkpoint_every", "validate_every", "steps", "epochs"):
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise AnyNetError(f"{name} must be at least 1, got {value}")
-        if self.input_scale is not None and self.weights is None:
+        if self.input_scale is not None and self.weights is None and self.model is None:
             raise AnyNetError("input_scale is for weights to start from; give a new network its own, as in network")
+        if self.model is not None and self.weights is not None:
+            raise AnyNetError("weights are AnyNet's; a model of another name begins with random ones")
         if self.load_partial and self.weights is None:
             raise AnyNetError("load_partial is for weights to start from")
         if min(self.crop_size) < 64:
@@ -103,9 +141,9 @@ class Recipe:
             raise AnyNetError("give the length of the run as either steps or epochs")
         return self.steps if self.steps is not None else math.ceil(self.epochs * samples / self.batch_size)  # type: ignore[operator]
 
-    def stage_weights_of(self, stages: int) -> tuple[float, ...]:
-        """One per stage."""
-        weights = self.stage_weights or (0.25, 0.5, *[1.0] * (stages - 2))
+    def stage_weights_of(self, stages: int, usual: tuple[float, ...] = ()) -> tuple[float, ...]:
+        """One per stage: the recipe's, else `usual`, else AnyNet's."""
+        weights = self.stage_weights or usual or (0.25, 0.5, *[1.0] * (stages - 2))
         if len(weights) != stages:
             raise AnyNetError(f"stage_weights: expected {stages}, one per stage, got {len(weights)}")
         if min(weights) < 0 or not any(weights):
@@ -127,15 +165,14 @@ class Recipe:
     @classmethod
     def load(cls, path: Path) -> Recipe:
         """The recipe in a file of `to_json`. Those of versions with other options are refused."""
+        text = read_text(path)
         try:
-            values = json.loads(path.read_text())
+            values = json.loads(text)
             network = AnyNetConfig.from_dict(values.pop("network"))
             return cls(network=network, **{name: as_tuples(value) for name, value in values.items()})
-        except OSError as error:
-            raise AnyNetError(f"{path}: cannot be read: {error.strerror}") from None
-        except (AttributeError, KeyError, TypeError, ValueError, AnyNetError) as error:
+        except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
             raise AnyNetError(
-                f"{path}: expected a recipe of this version, got another file or options: {error}"
+                f"{path}: expected a recipe of this version, got another file or options: {one_line(error)}"
             ) from None
 
     def check_resumed(self, other: Recipe) -> None:

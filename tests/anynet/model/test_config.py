@@ -74,7 +74,10 @@ def test_input_scale_is_shared_by_network_and_caller() -> None:
         ({"first_stage.fine_costs": 1}, "fine_costs as true or false, got 1"),
         ({"residual_stages.candidate_radius": 2**63 - 1}, "candidate_radius as an integer from 0 to 64"),
         ({"residual_stages.candidate_radius": -1}, "candidate_radius as an integer from 0 to 64, got -1"),
-        ({"residual_stages.candidate_radius": 1, "residual_stages.reverse": True}, "no candidate_radius with reverse"),
+        (
+            {"residual_stages.candidate_radius": 1, "residual_stages.reverse": True},
+            "one of candidate_radius, reverse and full_range",
+        ),
         ({"residual_stages.ranges": [[2, -2], [-2, 2]]}, "first <= last"),
         ({"residual_stages.ranges": 3}, "ranges, one per stage, got 3"),
         ({"residual_stages.channels": [-1, 2]}, "channels from 1 to 256"),
@@ -83,7 +86,7 @@ def test_input_scale_is_shared_by_network_and_caller() -> None:
         ({"refinement.directions": [0.0]}, "directions of distinct"),
         ({"refinement.directions": "0"}, "directions of distinct"),
         ({"depth": 2}, "options among input_scale, .*, got 'depth'"),
-        ({"features.depth": 2}, "options among channels, blocks, layers, got 'features.depth'"),
+        ({"features.depth": 2}, "options among channels, blocks, layers, separate, got 'features.depth'"),
         ({"stem.depth": 2}, "a part among features, first_stage, residual_stages, refinement, got 'stem'"),
     ],
 )

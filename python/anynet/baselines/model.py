@@ -1,0 +1,172 @@
+"""A baseline as training, evaluation and files see it: a configuration, weights, and images of any size."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from torch import Tensor, nn
+
+from anynet.baselines.baseline import Baseline
+from anynet.baselines.dispnet import DispNetC
+from anynet.baselines.psmnet import PSMNet, PSMNetBasic
+from anynet.baselines.stereodnn import NVTiny, ResNet18Correlation
+from anynet.baselines.stereonet import StereoNet
+from anynet.errors import AnyNetError, one_line
+from anynet.model.config import INPUT_SCALES, MEAN, STD
+from anynet.predictor import Estimate, check_images
+from anynet_ext import resize
+
+MODELS: dict[str, Callable[[int], Baseline]] = {
+    "psmnet": PSMNet,
+    "psmnet-basic": PSMNetBasic,
+    "stereonet-8x": StereoNet,
+    "stereonet-16x": partial(StereoNet, halvings=4),
+    "dispnetc": DispNetC,
+    "resnet18-2d": ResNet18Correlation,
+    "nvtiny": NVTiny,
+}
+"""From a name and the largest disparity, in pixels of the images given, to a network with random weights."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaselineConfig:
+    """Which baseline, and for what images.
+
+    Args:
+        model: a name in `MODELS`.
+        max_disparity: the disparities told apart reach from 0 to this, in pixels of the images as they come.
+        input_scale: the images are resized by this factor first, and estimates, bilinearly, back.
+
+    Raises:
+        AnyNetError: if there is no such model, or a number is out of its bounds.
+    """
+
+    model: str
+    max_disparity: int = 192
+    input_scale: float = 1
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise AnyNetError(f"expected a model of {', '.join(MODELS)}, got {self.model!r}")
+        if type(self.max_disparity) is not int or not 1 <= self.max_disparity <= 1024:
+            raise AnyNetError(f"BaselineConfig: expected max_disparity from 1 to 1024, got {self.max_disparity!r}")
+        low, high = INPUT_SCALES
+        scale = self.input_scale
+        if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not low <= scale <= high:
+            raise AnyNetError(f"BaselineConfig: expected input_scale from {low:g} to {high:g}, got {scale!r}")
+
+
+class BaselineModel(nn.Module):
+    """A baseline on images that are resized first, as its configuration says."""
+
+    def __init__(self, config: BaselineConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.network = MODELS[config.model](math.ceil(config.max_disparity * config.input_scale))
+
+    @property
+    def loss_weights(self) -> tuple[float, ...]:
+        """Of the estimates in training, the final one last."""
+        return self.network.loss_weights
+
+    def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
+        """The estimates, as `Baseline.forward`; at most the first `stages` of them.
+
+        Args:
+            left, right: [N, 3, H, W], normalized, of the size and the pixels that the estimates have.
+        """
+        height, width = left.shape[2:]
+        scale = self.config.input_scale
+        if scale == 1:
+            estimates: list[Tensor] = self.network(left, right)
+            return estimates[:stages]
+        size = max(1, round(scale * height)), max(1, round(scale * width))
+        left, right = (F.interpolate(image, size, mode="bilinear", antialias=scale < 1) for image in (left, right))
+        small: list[Tensor] = self.network(left, right)[:stages]
+        return [resize(estimate, (height, width), scale=width / size[1]) for estimate in small]
+
+
+class BaselinePredictor:
+    """A baseline ready to use, as `anynet.Predictor`: images in bytes in, its only estimate out.
+
+    Args:
+        model: with its weights.
+        threads: CPU threads to compute on; default: as many as PyTorch uses.
+    """
+
+    def __init__(self, model: BaselineModel, *, threads: int | None = None) -> None:
+        self.model, self.threads = model.eval(), threads
+
+    def stages(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Iterator[Estimate]:
+        """One estimate, stage 1, of a rectified pair, [H, W, 3] uint8 RGB.
+
+        Raises:
+            AnyNetError: if the images are not that.
+        """
+        start = perf_counter()
+        images = check_images(left, right)
+        before = torch.get_num_threads()
+        torch.set_num_threads(self.threads or before)
+        try:
+            with torch.inference_mode():
+                disparity = self.model(*map(normalized, images))[-1][0, 0].numpy()
+        finally:
+            torch.set_num_threads(before)
+        yield Estimate(1, disparity, 1e3 * (perf_counter() - start))
+
+
+def normalized(image: Tensor) -> Tensor:
+    """RGB uint8 [H, W, 3] -> the networks' input [1, 3, H, W]."""
+    mean, deviation = (255 * torch.tensor(values) for values in (MEAN, STD))
+    return ((image - mean) / deviation).permute(2, 0, 1)[None].contiguous()
+
+
+def stored_config(path: Path) -> BaselineConfig | None:
+    """The configuration in a .safetensors file of a baseline's weights; None if the file is another network's."""
+    try:
+        with safe_open(path, "pt") as file:
+            options = json.loads((file.metadata() or {})["config"])
+        return BaselineConfig(**options) if "model" in options else None
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
+        if isinstance(error, AnyNetError):
+            raise AnyNetError(f"{path}: {error}") from None
+        return None
+
+
+def load_baseline(path: str | os.PathLike[str]) -> BaselineModel:
+    """The baseline with its weights, in eval mode, on the CPU.
+
+    Args:
+        path: of a .safetensors file that training or `anynet.checkpoint.save_checkpoint` wrote.
+
+    Raises:
+        AnyNetError: if it is not that, or not all of it is finite.
+    """
+    path = Path(path)
+    config = stored_config(path)
+    if config is None:
+        raise AnyNetError(f"{path}: expected weights of a baseline ({', '.join(MODELS)}), got another file")
+    model = BaselineModel(config)
+    try:
+        with safe_open(path, "pt") as file:
+            tensors: dict[str, Any] = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dict)
+        model.load_state_dict(tensors)
+    except (SafetensorError, RuntimeError) as error:
+        raise AnyNetError(f"{path}: expected weights of {config}; {one_line(error)}") from None
+    for name, tensor in tensors.items():
+        if tensor.is_floating_point() and not tensor.isfinite().all():
+            raise AnyNetError(f"{path}: expected finite weights, got NaN or infinity in {name}")
+    return model.eval()

@@ -1,0 +1,104 @@
+"""From what the user named, a camera, video, folder, pattern or recording, to a source of frames."""
+
+from __future__ import annotations
+
+import glob
+import os
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from anynet.cli.pairs import find_pairs
+from anynet.errors import AnyNetError
+from anynet.io.images import endings
+
+if TYPE_CHECKING:
+    from anynet.streams import Source
+
+_BAGS = {".bag", ".mcap", ".db3"}
+_FORMAT = "expected a size like 1280x720"
+
+
+def open_source(
+    source: str,
+    right: str | None = None,
+    *,
+    split: bool = False,
+    rate: float | None = None,
+    size: tuple[int, int] | None = None,
+    topics: tuple[str, ...] = (),
+    slop: float = 0.01,
+    reconnect: float = 10.0,
+) -> Source:
+    """Opens what `anynet stream` takes.
+
+    Args:
+        source: index of a camera, device file, address of a network stream, video, folder or quoted pattern of images,
+            ROS bag or MCAP file.
+        right: the same for the right images, unless `source` has both.
+        split: `source` has both images side by side.
+        rate: frames per second; see `Stream`, `Capture`, `ImageFiles`.
+        size: width and height that cameras are asked for.
+        topics, slop: see `Recording`.
+        reconnect: see `Capture`.
+
+    Raises:
+        AnyNetError: if it cannot be opened.
+    """
+    from anynet.streams import Capture, ImageFiles, Recording
+
+    if rate is not None and not 0 < rate <= 1000:
+        raise AnyNetError(f"expected a rate above 0, up to 1000 frames per second, got {rate:g}")
+    if split and right is not None:
+        raise AnyNetError("--split is for one source that has both images side by side, got two")
+    if _is_recording(source):
+        if right is not None:
+            raise AnyNetError(f"expected no RIGHT beside the recording {source}, which has both; see --topics")
+        return Recording(source, topics, split, slop)
+    if topics:
+        raise AnyNetError(f"--topics belongs to ROS bags and MCAP files, got {source}")
+    if not split and right is None:
+        raise AnyNetError(
+            f"{source}: expected RIGHT too, or --split for images side by side, or a ROS bag or MCAP file"
+        )
+    names = [source] if right is None else [source, right]
+    live = [_is_live(name) for name in names]
+    if any(live) != all(live):
+        raise AnyNetError(f"expected two live sources or two recorded ones, got {' and '.join(names)}")
+    if live[0]:
+        return Capture(names, True, rate, size, reconnect)
+    if any(_is_images(name) for name in names):
+        pairs, alone = find_pairs(source, source if right is None else right)
+        found = ImageFiles([(p.name, p.left, None if right is None else p.right) for p in pairs], rate)
+        found.warnings += [f"{path}: no partner" for path in alone]
+        return found
+    return Capture(names, False, rate)
+
+
+def size_of(text: str | None) -> tuple[int, int] | None:
+    """Width and height out of WIDTHxHEIGHT."""
+    if text is None:
+        return None
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) < 10**5 and 0 < int(height) < 10**5):
+        raise AnyNetError(f"{_FORMAT}, got {text}")
+    return int(width), int(height)
+
+
+def _is_recording(name: str) -> bool:
+    return Path(name).suffix.lower() in _BAGS or os.path.exists(os.path.join(name, "metadata.yaml"))
+
+
+def _is_live(name: str) -> bool:
+    if name.isdecimal() or "://" in name:
+        return True
+    try:
+        return stat.S_ISCHR(os.stat(name).st_mode)
+    except OSError:
+        return name.startswith("/dev/video")
+
+
+def _is_images(name: str) -> bool:
+    if os.path.isdir(name) or (glob.has_magic(name) and not os.path.exists(name)):
+        return True
+    return Path(name).suffix.lower() in endings()

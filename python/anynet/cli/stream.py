@@ -1,0 +1,281 @@
+"""`anynet stream`: results as the frames come, from cameras, videos, folders and recordings."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import threading
+import warnings
+from collections import deque
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from enum import Enum
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from anynet.cli.calibration import (
+    Alpha,
+    Baseline,
+    Calib,
+    CalibPair,
+    CalibUnit,
+    CameraOptions,
+    Check,
+    Cx,
+    Cy,
+    Doffs,
+    FixRows,
+    Focal,
+    MinDisparity,
+    Raw,
+)  # fmt: skip
+from anynet.cli.results import DepthFormat, Format, Writer
+from anynet.cli.sources import open_source, size_of
+from anynet.cli.told import collected_warnings
+from anynet.cli.trust import MaxDepth
+from anynet.errors import AnyNetError
+from anynet.io.files import make_folder
+
+if TYPE_CHECKING:
+    from anynet.streams import Result, Sink, Stream
+
+_HEARD = 100  # warnings between two frames
+
+
+class DepthEncoding(str, Enum):
+    """Of recorded depth images (REP 118)."""
+
+    meters = "32FC1"
+    millimeters = "16UC1"
+
+
+def stream(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE",
+            help="Camera (index, /dev/videoN, rtsp://...), video, folder or quoted pattern of images; or a ROS bag or "
+            "MCAP file. Of the left images, or of both (--split, recordings).",
+        ),
+    ],
+    right: Annotated[
+        str | None, typer.Argument(metavar="[RIGHT]", help="The right camera, video, folder or pattern.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for files of every frame, as `predict` writes.")] = None,
+    record: Annotated[
+        list[Path] | None,
+        typer.Option(help="Record ROS messages: FILE.mcap, FILE.bag (ROS 1), or FOLDER (ROS 2 bag); repeatable."),
+    ] = None,
+    video: Annotated[Path | None, typer.Option(help="Video of images and disparities in colors, FILE.mp4.")] = None,
+    split: Annotated[bool, typer.Option("--split", help="SOURCE has both images side by side, left first.")] = False,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="Frames per second: of images (10), of a recording in place of its own, asked of a camera."),
+    ] = None,
+    size: Annotated[str | None, typer.Option(help="Image size that is asked of a camera, such as 1280x720.")] = None,
+    topics: Annotated[
+        tuple[str, str] | None, typer.Option(help="Of a recording: left and right.", show_default="found by names")
+    ] = None,
+    topic: Annotated[str | None, typer.Option(help="Of a recording with --split.", show_default="found")] = None,
+    slop: Annotated[
+        float, typer.Option(min=0, help="Seconds that left and right images of a recording may be apart.")
+    ] = 0.01,
+    every_frame: Annotated[
+        bool, typer.Option("--every-frame", help="Drop nothing: a recording waits for its results.")
+    ] = False,
+    frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many results.")] = None,
+    reconnect: Annotated[
+        float, typer.Option(min=0, help="Seconds to go on trying to open a live source that stopped.")
+    ] = 10.0,
+    weights: Annotated[
+        str, typer.Option(help="A packaged name, or a path: our .safetensors, an official .tar.")
+    ] = "default",
+    input_scale: Annotated[
+        float | None, typer.Option(help="Work on the images resized by this factor.", show_default="the weights'")
+    ] = None,
+    budget_ms: Annotated[
+        float | None, typer.Option(min=0, help="Stop a frame after the last stage that fits into this time.")
+    ] = None,
+    stage: Annotated[int | None, typer.Option(min=1, help="Stop after this stage.")] = None,
+    format: Annotated[Format, typer.Option(help="Disparity files: 16-bit PNG as KITTI's, PFM, or NumPy.")] = Format.png,
+    depth_format: Annotated[
+        list[DepthFormat] | None,
+        typer.Option(
+            help="Depth files: TIFF or NumPy in meters, or 16-bit PNG in millimeters; repeatable.", show_default="tiff"
+        ),
+    ] = None,
+    depth_encoding: Annotated[
+        DepthEncoding, typer.Option(help="Recorded depth: float meters, or 16-bit millimeters.")
+    ] = DepthEncoding.meters,
+    calib: Calib = None,
+    calib_unit: CalibUnit = None,
+    calib_pair: CalibPair = None,
+    focal: Focal = None,
+    baseline: Baseline = None,
+    cx: Cx = None,
+    cy: Cy = None,
+    doffs: Doffs = None,
+    raw: Raw = None,
+    alpha: Alpha = None,
+    fix_rows: FixRows = False,
+    min_disparity: MinDisparity = None,
+    max_depth: MaxDepth = None,
+    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
+    check: Check = True,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object per frame and line, and a last one with a summary.")
+    ] = False,
+) -> None:
+    """Disparity, depth and clouds from a stream: the newest frame wins, nothing queues.
+
+    While a frame is computed, newer ones replace each other; a frame that has its first estimate makes way for a newer
+    one. Ctrl-C or SIGTERM ends the stream and completes what is written.
+    """
+    if max_depth is not None and not max_depth > 0:
+        raise AnyNetError(f"expected --max-depth > 0, got {max_depth:g}")
+    named = (topics or ()) if topic is None else (topic,)
+    camera_options = CameraOptions(tuple(calib or ()), calib_unit, calib_pair, focal, baseline, cx, cy, doffs)
+
+    from anynet.camera import PairPreparation
+    from anynet.camera.plausibility import reach_of
+    from anynet.streams import Recorder, Stream, Video
+
+    with ExitStack() as stack:
+        opened = stack.enter_context(
+            open_source(
+                source, right, split=split, rate=rate, size=size_of(size), topics=named, slop=slop, reconnect=reconnect
+            )
+        )
+        with collected_warnings() as told:
+            cameras = camera_options.read(Path(source)) or opened.calibration
+        prepare = PairPreparation(
+            cameras, raw=raw, alpha=alpha, check=check, fix_rows=fix_rows, min_disparity=min_disparity,
+            reach=reach_of(input_scale),
+        )  # fmt: skip
+        for warning in (*opened.warnings, *told):
+            print(f"anynet: warning: {warning}", file=sys.stderr)
+
+        from anynet import Predictor  # takes seconds, so after the cheap checks
+
+        predictor = Predictor(weights, threads=threads, input_scale=input_scale)
+        if stage is not None and stage > predictor.config.stages:
+            raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
+        running = Stream(
+            opened, predictor, prepare=prepare, budget_ms=budget_ms, stage=stage, rate=rate, every_frame=every_frame,
+            watch=check,
+        )  # fmt: skip
+        writer = None
+        if out is not None:
+            make_folder(out)
+            writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth)
+        sinks: list[Sink] = []
+        for path in record or ():
+            sinks.append(stack.enter_context(Recorder(path, depth_encoding.value, max_depth)))
+        if video is not None:
+            sinks.append(stack.enter_context(Video(video, opened.rate or 30)))
+        try:
+            _run(running, writer, sinks, told, frames, as_json)
+        finally:
+            summary = running.statistics.summary()
+            print(json.dumps({"summary": summary}) if as_json else _sentence(summary), flush=True)
+
+
+def _run(
+    running: Stream, writer: Writer | None, sinks: list[Sink], told: list[str], frames: int | None, as_json: bool
+) -> None:
+    with _stopping(running), _heard_warnings() as heard:
+        for count, result in enumerate(running.results(), start=1):
+            report = _process(result, writer, sinks)
+            first = told if count == 1 else ()
+            report["warnings"] = list(
+                dict.fromkeys([*first, *result.warnings, *(heard.popleft() for _ in range(len(heard)))])
+            )
+            for warning in report["warnings"]:
+                if warning not in told:
+                    print(f"anynet: {report['name']}: warning: {warning}", file=sys.stderr)
+            print(json.dumps(report) if as_json else _line(report), flush=True)
+            if count == frames:
+                running.stop()
+
+
+def _process(result: Result, writer: Writer | None, sinks: list[Sink]) -> dict[str, Any]:
+    """Writes everything for one frame; returns what `--json` prints."""
+    from anynet.visualize import limits_of
+
+    pair, estimate = result.pair, result.estimate
+    files: dict[str, str] = {}
+    if writer is not None:
+        results = writer.of(result.frame.name)
+        results.write_disparity("", estimate.disparity, limits_of(estimate.disparity))
+        if pair.calibration is not None:
+            results.write_depth(estimate.disparity, pair.calibration, pair.left)
+        files = results.files
+    for sink in sinks:
+        sink.write(result)
+    return {
+        "name": result.frame.name,
+        "stamp": result.frame.stamp / 1e9,
+        "width": pair.left.shape[1],
+        "height": pair.left.shape[0],
+        "stage": estimate.stage,
+        "elapsed_ms": [round(estimate.elapsed_ms, 3)],
+        "calibration": None if pair.calibration is None else pair.calibration.values(),
+        "files": files,
+    }
+
+
+@contextmanager
+def _heard_warnings() -> Iterator[deque[str]]:
+    """Within, what `warnings.warn` tells on any thread; `collected_warnings` is for one thread alone."""
+    heard: deque[str] = deque(maxlen=_HEARD)
+
+    def hear(message: Warning | str, *_: Any, **__: Any) -> None:
+        heard.append(str(message))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = hear
+        yield heard
+
+
+@contextmanager
+def _stopping(running: Stream) -> Iterator[None]:
+    """Within, the first Ctrl-C or SIGTERM stops the stream; the second does what it does elsewhere."""
+    if threading.current_thread() is not threading.main_thread():  # only that one may set them
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+
+    def stop(number: int, _: FrameType | None) -> None:
+        running.stop()
+        signal.signal(number, before[signal.Signals(number)])
+
+    for number in before:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _line(report: dict[str, Any]) -> str:
+    return (
+        f"{report['name']}: {report['width']} x {report['height']}, stage {report['stage']} after "
+        f"{report['elapsed_ms'][0]:.1f} ms"
+    )
+
+
+def _sentence(summary: dict[str, Any]) -> str:
+    counts = f"{summary['frames']} frames, {summary['dropped']} dropped"
+    if not summary["frames"]:
+        return counts
+    latency = summary["latency_ms"]
+    return (
+        f"{counts}, {summary['fps']:.1f} per second, results after {latency['p50']:.1f} ms (median), "
+        f"{latency['p95']:.1f} ms (95 %), {latency['max']:.1f} ms (all)"
+    )

@@ -1,0 +1,32 @@
+"""Weights of any network as a method to evaluate."""
+
+from __future__ import annotations
+
+import os
+
+from anynet.baselines.model import BaselinePredictor, load_baseline, stored_config
+from anynet.checkpoint import find_weights
+from anynet.errors import AnyNetError
+from anynet.evaluation.evaluate import Method
+from anynet.predictor import Predictor
+
+
+def open_method(
+    weights: str | os.PathLike[str], *, threads: int | None = None, input_scale: float | None = None
+) -> Method:
+    """AnyNet, stage by stage, or a baseline, whichever the weights are of.
+
+    Args:
+        weights: a packaged name or a file.
+        threads: CPU threads; default: as many as PyTorch uses.
+        input_scale: as `Predictor`'s; a baseline has its own.
+
+    Raises:
+        AnyNetError: if the weights cannot be loaded, or `input_scale` is given for a baseline's.
+    """
+    path = find_weights(weights)
+    if stored_config(path) is None:
+        return Predictor(weights, threads=threads, input_scale=input_scale).stages
+    if input_scale is not None:
+        raise AnyNetError(f"{path}: expected no input_scale with a baseline's weights, got {input_scale:g}")
+    return BaselinePredictor(load_baseline(path), threads=threads).stages

@@ -1,0 +1,39 @@
+"""Image files as a stream."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from anynet.io import read_image, read_pair
+from anynet.streams.source import Frame, Source, halves
+
+RATE = 10.0  # frames per second
+
+
+class ImageFiles(Source):
+    """Pairs of image files, at a given rate.
+
+    Args:
+        files: name, left and right file of each frame; the right one None for side-by-side images.
+        rate: frames per second; default: 10.
+    """
+
+    def __init__(self, files: Sequence[tuple[str, Path, Path | None]], rate: float | None = None) -> None:
+        super().__init__()
+        self.rate = rate or RATE
+        self._files = files
+        self._closed = False
+
+    def frames(self) -> Iterator[Frame]:
+        begin, rate = time.time_ns(), self.rate or RATE
+        for index, (name, left, right) in enumerate(self._files):
+            if self._closed:
+                return
+            images = halves(read_image(left), str(left)) if right is None else read_pair(left, right)
+            seconds = index / rate
+            yield Frame(name, *images, stamp=begin + round(1e9 * seconds), time=seconds)
+
+    def close(self) -> None:
+        self._closed = True

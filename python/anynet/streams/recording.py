@@ -1,0 +1,215 @@
+"""ROS 1 and ROS 2 bags and MCAP files as a stream."""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from anynet.errors import AnyNetError
+from anynet.io.images import to_8_bits, used_bits
+from anynet.streams.ros import (
+    CAMERA_INFO,
+    COMPRESSED,
+    IMAGE,
+    calibration_of,
+    levels_of,
+    require_rosbags,
+    stamp_of,
+)
+from anynet.streams.source import Frame, Source, halves
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+ENDINGS = {".bag", ".mcap", ".db3"}
+_WAITING = 8  # images of one camera that wait for their partner
+# What the names of one rig's topics differ in.
+_SIDES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"), ("camera0", "camera1"), ("camera_0", "camera_1"),
+          ("image_0", "image_1"), ("cam_0", "cam_1"), ("l", "r"))  # fmt: skip
+
+
+class Recording(Source):
+    """The images of two topics, or of one with both side by side.
+
+    Left and right belong together if their stamps differ by `slop` at most. The stamp and frame id of a frame are its
+    left image's; a stamp of 0 is replaced by the time of recording.
+
+    Args:
+        path: a `.bag`, `.mcap` or `.db3` file, or the folder of a ROS 2 bag.
+        topics: of the left and right images; by default found by their names.
+        split: one topic has both images side by side.
+        slop: seconds.
+
+    Raises:
+        AnyNetError: if the file is no such recording, or the topics are not there or not to be told.
+    """
+
+    def __init__(self, path: str | Path, topics: Sequence[str] = (), split: bool = False, slop: float = 0.01) -> None:
+        super().__init__()
+        self._path = Path(path)
+        self._slop = round(1e9 * slop)
+        self._closed = False
+        with self._opened() as reader:
+            found = {connection.topic: connection.msgtype for connection in reader.connections}
+            images = sorted(topic for topic, kind in found.items() if kind in (IMAGE, COMPRESSED))
+            self.topics = self._choose(images, list(topics), split)
+            counts = [sum(c.msgcount for c in reader.connections if c.topic == topic) for topic in self.topics]
+            if not min(counts):
+                raise AnyNetError(f"{path}: no image on {self.topics[counts.index(0)]}")
+            seconds = reader.duration / 1e9
+            self.rate = (counts[0] - 1) / seconds if seconds > 0 and counts[0] > 1 else None
+            infos = self._camera_infos(reader)
+        if len(infos) == 2:
+            try:
+                calibration = calibration_of(infos[0], infos[1], str(path))
+            except AnyNetError as error:
+                self.warnings.append(str(error))
+            else:
+                rectified = any("rect" in re.split(r"[/_]", topic) for topic in self.topics)
+                self.calibration = calibration if rectified else calibration.rig or calibration
+
+    def frames(self) -> Iterator[Frame]:
+        with self._opened() as reader:
+            wanted = [connection for connection in reader.connections if connection.topic in self.topics]
+            begin, bits = None, 8
+            for index, (images, recorded) in enumerate(self._pairs(reader, wanted)):
+                if self._closed:
+                    return
+                names = [f"{self._path}: image {index} of {topic}" for topic in self.topics]
+                levels = [levels_of(message, name) for message, name in zip(images, names, strict=True)]
+                bits = max([bits, *map(used_bits, levels)])  # of both cameras alike, and without flicker
+                arrays = [to_8_bits(image, bits) for image in levels]
+                left, right = arrays if len(arrays) == 2 else halves(arrays[0], names[0])
+                if left.shape != right.shape:
+                    sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (left, right))
+                    raise AnyNetError(f"{names[0]}: expected two images of one size, got {sizes}")
+                begin = recorded if begin is None else begin
+                stamp = stamp_of(images[0]) or recorded
+                frame_id = str(images[0].header.frame_id)
+                yield Frame(f"{index:06}", left, right, stamp, (recorded - begin) / 1e9, frame_id)
+
+    def close(self) -> None:
+        self._closed = True
+
+    def _pairs(self, reader: AnyReader, connections: Sequence[Any]) -> Iterator[tuple[list[Any], int]]:
+        """The messages that belong together, and when the later one was recorded."""
+        waiting: dict[str, deque[tuple[int, Any]]] = {topic: deque(maxlen=_WAITING) for topic in self.topics}
+        found, closest = 0, None
+        for connection, recorded, raw in self._told(reader.messages(connections=connections)):
+            message = self._deserialized(reader, raw, connection.msgtype)
+            if len(self.topics) == 1:
+                yield [message], recorded
+                continue
+            stamp = stamp_of(message) or recorded
+            waiting[connection.topic].append((stamp, message))
+            others = waiting[self.topics[connection.topic == self.topics[0]]]
+            if not others:
+                continue
+            apart, partner = min((abs(other - stamp), i) for i, (other, _) in enumerate(others))
+            closest = apart if closest is None else min(closest, apart)
+            if apart > self._slop:
+                continue
+            pair = {connection.topic: message, self.topics[connection.topic == self.topics[0]]: others[partner][1]}
+            for _ in range(partner + 1):  # what is older than a pair has none any more
+                others.popleft()
+            waiting[connection.topic].clear()
+            found += 1
+            yield [pair[topic] for topic in self.topics], recorded
+        if len(self.topics) == 2 and not found:
+            nearest = "" if closest is None else f"; the closest two are {closest / 1e6:.1f} ms apart"
+            raise AnyNetError(f"{self._path}: no left and right image within {self._slop / 1e6:g} ms{nearest} (--slop)")
+
+    @contextmanager
+    def _opened(self) -> Iterator[AnyReader]:
+        require_rosbags()
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+
+        try:
+            reader = AnyReader([self._path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+            reader.open()
+        except Exception as error:  # a damaged file raises whatever its reader meets first
+            raise self._unreadable(error) from error
+        try:
+            yield reader
+        finally:
+            reader.close()
+
+    def _told(self, messages: Iterator[tuple[Any, int, bytes]]) -> Iterator[tuple[Any, int, bytes]]:
+        while True:
+            try:
+                message = next(messages, None)
+            except Exception as error:
+                raise self._unreadable(error) from error
+            if message is None:
+                return
+            yield message
+
+    def _deserialized(self, reader: AnyReader, raw: bytes, kind: str) -> Any:
+        try:
+            return reader.deserialize(raw, kind)
+        except Exception as error:
+            raise self._unreadable(error) from error
+
+    def _unreadable(self, error: Exception) -> AnyNetError:
+        why = " ".join(str(error).split()) or type(error).__name__
+        return AnyNetError(f"{self._path}: not a readable ROS bag or MCAP file ({why})")
+
+    def _choose(self, images: list[str], named: list[str], split: bool) -> list[str]:
+        wanted = 1 if split else 2
+        if named:
+            missing = [topic for topic in named if topic not in images]
+            if missing:
+                raise AnyNetError(f"{self._path}: no images on {missing[0]}; there are some on {_listed(images)}")
+            if len(named) != wanted:
+                raise AnyNetError(f"expected {wanted} topics, got {len(named)}: {_listed(named)}")
+            return named
+        if not images:
+            raise AnyNetError(f"{self._path}: no topic with images")
+        seen = [topic for topic in images if not re.search("depth|disparity|mask", topic)]
+        found = [[topic] for topic in seen] if split else _pairs_of(seen)
+        if len(found) > 1:  # the rectified one, in color, as few bytes as can be
+            best = max(_preference(topics) for topics in found)
+            found = [topics for topics in found if _preference(topics) == best]
+        if len(found) != 1:
+            raise AnyNetError(
+                f"{self._path}: cannot tell the topics of the images; name {wanted} (--topics) of {_listed(images)}"
+            )
+        return found[0]
+
+    def _camera_infos(self, reader: AnyReader) -> list[Any]:
+        """The first message of each topic's camera, left and right; fewer where they are not recorded."""
+        infos: list[Any] = []
+        for topic in self.topics:
+            name = topic.removesuffix("/compressed").rsplit("/", 1)[0] + "/camera_info"
+            chosen = [c for c in reader.connections if c.topic == name and c.msgtype == CAMERA_INFO]
+            if chosen:
+                first = next(self._told(reader.messages(connections=chosen)), None)
+                infos += [] if first is None else [self._deserialized(reader, first[2], CAMERA_INFO)]
+        return infos
+
+
+def _pairs_of(topics: list[str]) -> list[list[str]]:
+    """Topics whose names differ in left and right alone."""
+    pairs = []
+    for topic in topics:
+        for left, right in _SIDES:
+            pattern = rf"(?<![a-zA-Z0-9]){left}(?![a-zA-Z0-9])"
+            partner = re.sub(pattern, right, topic)
+            if partner != topic and partner in topics:
+                pairs.append([topic, partner])
+                break
+    return pairs
+
+
+def _preference(topics: list[str]) -> tuple[bool, ...]:
+    words = set(re.split(r"[/_]", topics[0]))
+    return "rect" in words, "color" in words, "mono" not in words, "compressed" not in words
+
+
+def _listed(topics: list[str]) -> str:
+    return ", ".join(topics) if topics else "none"

@@ -1,0 +1,86 @@
+"""What all sources of frames have in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import TracebackType
+
+import numpy as np
+import numpy.typing as npt
+
+from anynet.camera import Calibration, StereoRig
+from anynet.errors import AnyNetError
+
+Image = npt.NDArray[np.uint8]  # [H, W, 3] RGB
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Two images taken at one time.
+
+    Attributes:
+        name: what its results are called.
+        left, right: uint8 [H, W, 3] RGB.
+        stamp: when they were taken, nanoseconds since 1970.
+        time: when they come, seconds since the source's first frame; recordings are played by it.
+        frame_id: the left camera's frame of coordinates, as ROS calls it.
+    """
+
+    name: str
+    left: Image
+    right: Image
+    stamp: int
+    time: float
+    frame_id: str = ""
+
+
+class Source(ABC):
+    """Frames, one after the other. `close` it, or use it as a context manager.
+
+    Attributes:
+        live: frames come when they are taken, and those not fetched in time are lost; otherwise they wait.
+        rate: frames per second, if known.
+        calibration: what the source itself says about its cameras; a rig if its images are raw.
+        warnings: what the user should know about it.
+    """
+
+    live = False
+    rate: float | None = None
+    calibration: Calibration | StereoRig | None = None
+
+    def __init__(self) -> None:
+        self.warnings: list[str] = []
+
+    @abstractmethod
+    def frames(self) -> Iterator[Frame]:
+        """The frames; all of it on one thread.
+
+        Raises:
+            AnyNetError: if the source cannot be read any more, or gives what is no pair of images of one size.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Lets go of files and devices; afterwards `frames` ends."""
+
+    def __enter__(self) -> Source:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def halves(image: Image, where: str) -> tuple[Image, Image]:
+    """The two images of a side-by-side one.
+
+    Raises:
+        AnyNetError: if its width is odd.
+    """
+    width = image.shape[1]
+    if width % 2:
+        raise AnyNetError(f"{where}: expected side-by-side images of even width, got {width} pixels")
+    return np.ascontiguousarray(image[:, : width // 2]), np.ascontiguousarray(image[:, width // 2 :])

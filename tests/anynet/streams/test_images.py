@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from anynet.errors import AnyNetError
+from anynet.io import write_image
+from anynet.streams import ImageFiles
+
+
+def pair(index: int) -> np.ndarray:
+    return np.random.default_rng(index).integers(0, 256, (2, 8, 12, 3), dtype=np.uint8)
+
+
+def test_pairs_at_a_rate(tmp_path: Path) -> None:
+    files = []
+    for index in range(3):
+        paths = tmp_path / f"l{index}.png", tmp_path / f"r{index}.png"
+        for path, image in zip(paths, pair(index), strict=True):
+            write_image(path, image)
+        files.append((f"pair{index}", *paths))
+    with ImageFiles(files, rate=4) as source:
+        frames = list(source.frames())
+    assert [frame.name for frame in frames] == ["pair0", "pair1", "pair2"]
+    assert [frame.time for frame in frames] == [0, 0.25, 0.5]
+    assert [frame.stamp - frames[0].stamp for frame in frames] == [0, 250_000_000, 500_000_000]
+    for index, frame in enumerate(frames):
+        np.testing.assert_array_equal([frame.left, frame.right], pair(index))
+    assert ImageFiles(files).rate == 10
+
+
+def test_side_by_side(tmp_path: Path) -> None:
+    write_image(tmp_path / "both.png", np.hstack(list(pair(0))))
+    (frame,) = ImageFiles([("both", tmp_path / "both.png", None)]).frames()
+    np.testing.assert_array_equal([frame.left, frame.right], pair(0))
+    write_image(tmp_path / "both.png", np.zeros((8, 13, 3), np.uint8))
+    with pytest.raises(AnyNetError, match="expected side-by-side images of even width, got 13"):
+        next(ImageFiles([("both", tmp_path / "both.png", None)]).frames())
+
+
+def test_a_damaged_file_and_closing(tmp_path: Path) -> None:
+    write_image(tmp_path / "a.png", pair(0)[0])
+    (tmp_path / "b.png").write_bytes(b"\x89PNG garbage")
+    files = [("a", tmp_path / "a.png", tmp_path / "a.png"), ("b", tmp_path / "b.png", tmp_path / "a.png")]
+    source = ImageFiles(files)
+    frames = source.frames()
+    assert next(frames).name == "a"
+    with pytest.raises(AnyNetError, match=r"cannot read .*b\.png"):
+        next(frames)
+    frames = source.frames()
+    next(frames)
+    source.close()
+    assert list(frames) == []

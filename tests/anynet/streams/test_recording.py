@@ -1,0 +1,328 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from anynet.camera import Calibration, StereoRig
+from anynet.errors import AnyNetError
+from anynet.streams import Frame, Recording
+
+pytest.importorskip("rosbags", reason="the extra ros is not installed")
+
+from bags import START, BagWriter
+
+MS = 1_000_000
+
+
+def images(index: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(index)
+    return tuple(rng.integers(0, 256, (2, 12, 20, 3), dtype=np.uint8))
+
+
+def write(path: Path, left: str = "/cam/left/image_rect", right: str = "/cam/right/image_rect", count: int = 4) -> Path:
+    with BagWriter(path) as bag:
+        for index in range(count):
+            for topic, image in zip((left, right), images(index), strict=True):
+                bag.image(topic, image, START + 100 * MS * index, recorded=START + 100 * MS * index + 5 * MS)
+    return path
+
+
+def read(path: Path, **options: object) -> list[Frame]:
+    with Recording(path, **options) as source:
+        return list(source.frames())
+
+
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap", "folder"])
+def test_kinds(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / name)
+    frames = read(path)
+    assert [frame.name for frame in frames] == ["000000", "000001", "000002", "000003"]
+    for index, frame in enumerate(frames):
+        np.testing.assert_array_equal([frame.left, frame.right], images(index))
+        assert (frame.stamp, frame.frame_id) == (START + 100 * MS * index, "eye")
+        assert frame.time == pytest.approx(0.1 * index)
+    if name == "folder":
+        assert len(read(path / "folder.db3")) == 4
+    with Recording(path) as source:
+        assert source.rate == pytest.approx(10, rel=0.01)
+        assert source.calibration is None
+
+
+def test_an_mcap_file_of_another_writer(tmp_path: Path) -> None:
+    writer = pytest.importorskip("mcap_ros2.writer", reason="mcap-ros2-support is not installed")
+    definition = """std_msgs/Header header
+uint32 height
+uint32 width
+string encoding
+uint8 is_bigendian
+uint32 step
+uint8[] data
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+    with open(tmp_path / "a.mcap", "wb") as file:
+        mcap = writer.Writer(file)
+        schema = mcap.register_msgdef("sensor_msgs/msg/Image", definition)
+        for side, image in zip(("left", "right"), images(0), strict=True):
+            header = {"stamp": {"sec": 5, "nanosec": 6}, "frame_id": "eye"}
+            message = {"header": header, "height": 12, "width": 20, "encoding": "rgb8", "is_bigendian": 0, "step": 60}
+            mcap.write_message(f"/{side}/image", schema, message | {"data": image.tobytes()}, START, START)
+        mcap.finish()
+    (frame,) = read(tmp_path / "a.mcap")
+    np.testing.assert_array_equal([frame.left, frame.right], images(0))
+    assert frame.stamp == 5_000_000_006
+
+
+def test_compressed_and_side_by_side(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.compressed("/zed/image/compressed", np.hstack(images(0)), START)
+    (frame,) = read(tmp_path / "a.mcap", split=True)
+    np.testing.assert_array_equal([frame.left, frame.right], images(0))
+
+
+@pytest.mark.parametrize(
+    ("topics", "found"),
+    [
+        (["/left/image_raw", "/right/image_raw"], 0),
+        (["/cam0/image_raw", "/cam1/image_raw"], 0),
+        (["/camera/infra1/image_rect_raw", "/camera/infra2/image_rect_raw"], 0),
+        (["/stereo/image_left", "/stereo/image_right"], 0),
+        (["/l/image_mono", "/l/image_color", "/r/image_mono", "/r/image_color"], 1),
+        (["/left/image_raw", "/left/image_rect", "/right/image_raw", "/right/image_rect"], 1),
+        (["/left/image_rect/compressed", "/left/image_rect", "/right/image_rect/compressed", "/right/image_rect"], 1),
+        (["/left/image", "/left/depth_image", "/right/image", "/right/depth_image"], 0),
+    ],
+)
+def test_topics_are_found_by_their_names(tmp_path: Path, topics: list[str], found: int) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for topic in topics:
+            bag.image(topic, images(0)[0], START)
+    with Recording(tmp_path / "a.mcap") as source:
+        assert source.topics == [topics[found], topics[found + len(topics) // 2]]
+
+
+def test_topics_that_cannot_be_told(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for topic in ("/front/left/image", "/front/right/image", "/rear/left/image", "/rear/right/image"):
+            bag.image(topic, images(0)[0], START)
+    with pytest.raises(AnyNetError, match=r"cannot tell the topics of the images; name 2 .*/front/left/image, "):
+        Recording(tmp_path / "a.mcap")
+    named = "/rear/left/image", "/rear/right/image"
+    assert len(read(tmp_path / "a.mcap", topics=named)) == 1
+    with pytest.raises(AnyNetError, match="no images on /none; there are some on /front/left/image"):
+        Recording(tmp_path / "a.mcap", ("/none", "/rear/left/image"))
+    with pytest.raises(AnyNetError, match="expected 1 topics, got 2"):
+        Recording(tmp_path / "a.mcap", named, split=True)
+    with BagWriter(tmp_path / "b.mcap") as bag:
+        bag.camera_info("/left/camera_info", (1, 1), np.eye(3), [], np.eye(3), np.eye(3, 4))
+    with pytest.raises(AnyNetError, match="no topic with images"):
+        Recording(tmp_path / "b.mcap")
+
+
+def test_left_and_right_are_matched_by_their_stamps(tmp_path: Path) -> None:
+    """Shutters 3 ms apart, images that come late, and some without a partner."""
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        stamps = ["l0", "r3", "l100", "l200", "r203", "r303", "l400", "l500", "r403", "r503"]
+        for recorded, (side, *digits) in enumerate(stamps):
+            stamp = int("".join(digits))
+            image = np.full((4, 4, 3), stamp // 100, np.uint8)
+            topic = {"l": "/left/image", "r": "/right/image"}[side]
+            bag.image(topic, image, START + stamp * MS, recorded=START + recorded * MS)
+    frames = read(tmp_path / "a.mcap")
+    assert [frame.stamp - START for frame in frames] == [0, 200 * MS, 400 * MS, 500 * MS]
+    for frame in frames:
+        np.testing.assert_array_equal(frame.left, frame.right)
+    with pytest.raises(AnyNetError, match=r"no left and right image within 1 ms; the closest two are 3.0 ms apart"):
+        read(tmp_path / "a.mcap", slop=0.001)
+
+
+def test_a_stamp_of_0_is_replaced(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for side in ("left", "right"):
+            bag.image(f"/{side}/image", images(0)[0], 0, recorded=START)
+    assert [frame.stamp for frame in read(tmp_path / "a.mcap")] == [START]
+
+
+GRAY = np.arange(96, dtype=np.uint8).reshape(8, 12)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "stored", "expected"),
+    [
+        ("mono8", GRAY, GRAY),
+        ("8UC1", GRAY, GRAY),
+        ("mono16", GRAY.astype(np.uint16) * 257, None),
+        ("16UC1", GRAY.astype(np.uint16) * 16, None),  # 12 bits
+        ("bgr8", np.dstack([GRAY, GRAY + 1, GRAY + 2]), np.dstack([GRAY + 2, GRAY + 1, GRAY])),
+        ("bgra8", np.dstack([GRAY, GRAY + 1, GRAY + 2, GRAY]), np.dstack([GRAY + 2, GRAY + 1, GRAY])),
+        ("rgba8", np.dstack([GRAY, GRAY + 1, GRAY + 2, GRAY]), np.dstack([GRAY, GRAY + 1, GRAY + 2])),
+    ],
+)
+def test_encodings(tmp_path: Path, encoding: str, stored: np.ndarray, expected: np.ndarray | None) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for side in ("left", "right"):
+            bag.image(f"/{side}/image", stored, START, encoding)
+    (frame,) = read(tmp_path / "a.mcap")
+    if expected is None:  # scaled by the bits that are used
+        used = 4096 if encoding == "16UC1" else 65536
+        expected = np.round(stored * (255 / ({4096: 2**12, 65536: 2**16}[used] - 1)))
+    expected = expected if expected.ndim == 3 else np.dstack([expected] * 3)
+    np.testing.assert_allclose(frame.left, expected, atol=0.51)
+    np.testing.assert_array_equal(frame.left, frame.right)
+
+
+@pytest.mark.parametrize("encoding", ["bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8"])
+def test_bayer_patterns(tmp_path: Path, encoding: str) -> None:
+    """A red image, seen through the pattern."""
+    pattern = np.array([100 if letter == "r" else 0 for letter in encoding[6:10]], np.uint8).reshape(2, 2)
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for side in ("left", "right"):
+            bag.image(f"/{side}/image", np.tile(pattern, (6, 8)), START, encoding)
+    (frame,) = read(tmp_path / "a.mcap")
+    np.testing.assert_array_equal(frame.left[3:-3, 3:-3].reshape(-1, 3).mean(axis=0), [100, 0, 0])
+
+
+def test_rows_that_are_padded_and_bytes_the_other_way_round(tmp_path: Path) -> None:
+    padded = np.zeros((8, 16), np.uint8)
+    padded[:, :12] = GRAY
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.image("/left/image", padded[:, :12], START, "mono8", step=16, data=padded.reshape(-1)[: 7 * 16 + 12])
+        big = (GRAY.astype(">u2") * 257).view(np.uint8).reshape(-1)
+        bag.image("/right/image", GRAY, START, "mono16", step=24, data=big, is_bigendian=1)
+    (frame,) = read(tmp_path / "a.mcap")
+    np.testing.assert_array_equal(frame.left[..., 0], GRAY)
+    np.testing.assert_array_equal(frame.right[..., 0], GRAY)
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        {"height": 10**6},
+        {"width": 2**31},
+        {"step": 1},
+        {"encoding": "jpeg"},
+        {"data": np.zeros(0, np.uint8)},
+        {"width": 0},
+        {"encoding": "mono16"},
+    ],
+)
+def test_images_that_lie(tmp_path: Path, lie: dict[str, object]) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for side in ("left", "right"):
+            bag.image(f"/{side}/image", GRAY, START, **({"encoding": "mono8"} | lie))
+    with pytest.raises(AnyNetError, match=r"a\.mcap: image 0 of /left/image: expected ") as caught:
+        read(tmp_path / "a.mcap")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_step_of_one_row_means_nothing(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for side in ("left", "right"):
+            bag.image(f"/{side}/image", GRAY[:1], START, "mono8", step=2**32 - 1)
+    (frame,) = read(tmp_path / "a.mcap")
+    np.testing.assert_array_equal(frame.left[..., 0], GRAY[:1])
+
+
+def test_sizes_of_left_and_right_differ_and_damaged_jpegs(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.image("/left/image", GRAY, START, "mono8")
+        bag.image("/right/image", GRAY[:, 1:].copy(), START, "mono8")
+    with pytest.raises(AnyNetError, match="expected two images of one size, got 12 x 8 and 11 x 8"):
+        read(tmp_path / "a.mcap")
+    for data in (b"", b"\xff\xd8\xff garbage"):
+        path = tmp_path / f"{len(data)}.mcap"
+        with BagWriter(path) as bag:
+            for side in ("left", "right"):
+                bag.compressed(f"/{side}/image/compressed", GRAY, START, data)
+        with pytest.raises(AnyNetError, match=r"cannot read .*image 0 of /left/image/compressed: "):
+            read(path)
+
+
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap", "a.db3"])
+def test_damaged_files_end_in_one_line(tmp_path: Path, name: str) -> None:
+    """Cut off, flipped and replaced bytes: a reading that succeeds, or AnyNetError of one line."""
+    whole = write(tmp_path / ("b" if name == "a.db3" else name))
+    whole = whole / "b.db3" if name == "a.db3" else whole
+    data = whole.read_bytes()
+    path = tmp_path / f"damaged{whole.suffix}"
+    rng = np.random.default_rng(0)
+    told = []
+    for trial in range(60):
+        damaged = bytearray(data)
+        if trial % 2:
+            damaged = damaged[: rng.integers(len(damaged))]
+        else:
+            for place in rng.integers(0, len(damaged), 8):
+                damaged[place] = rng.integers(256)
+        path.write_bytes(damaged)
+        try:
+            read(path)
+        except AnyNetError as error:
+            told.append(str(error))
+    assert len(told) > 5
+    assert all(str(path) in message and "\n" not in message for message in told)
+    with pytest.raises(AnyNetError, match="not a readable ROS bag or MCAP file"):
+        Recording(tmp_path / f"none{whole.suffix}")
+
+
+RAW_K = np.array([[90.0, 0, 9], [0, 91, 6], [0, 0, 1]])
+
+
+def with_infos(path: Path, topic: str, distortion: list[float]) -> Path:
+    """A rig with a baseline of 0.1 m whose right camera is turned by 0.02."""
+    turned = np.array([[np.cos(0.02), 0, np.sin(0.02)], [0, 1, 0], [-np.sin(0.02), 0, np.cos(0.02)]])
+    with BagWriter(path) as bag:
+        for index, side in enumerate(("left", "right")):
+            projection = np.array([[80.0, 0, 10 + index, -8.0 * index], [0, 80, 5, 0], [0, 0, 1, 0]])
+            rotation = turned if index and distortion else np.eye(3)
+            matrix = RAW_K if distortion else projection[:, :3]
+            bag.camera_info(f"/{side}/camera_info", (20, 12), matrix, distortion, rotation, projection)
+            bag.image(f"/{side}/{topic}", images(0)[index], START)
+    return path
+
+
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap"])
+def test_calibration_of_rectified_images(tmp_path: Path, name: str) -> None:
+    expected = Calibration(80, 0.1, cx=10, cy=5, doffs=1, size=(20, 12))
+    for topic, distortion in (("image_rect", [0.1, 0, 0, 0, 0]), ("image_raw", [])):
+        with Recording(with_infos(tmp_path / f"{topic}_{name}", topic, distortion)) as source:
+            assert isinstance(source.calibration, Calibration)
+            for field, value in expected.values().items():
+                assert source.calibration.values()[field] == pytest.approx(value), field
+
+
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap"])
+def test_rig_of_raw_images(tmp_path: Path, name: str) -> None:
+    with Recording(with_infos(tmp_path / name, "image_raw", [0.1, 0, 0, 0, 0])) as source:
+        rig = source.calibration
+    assert isinstance(rig, StereoRig)
+    assert rig.baseline == pytest.approx(0.1)
+    np.testing.assert_allclose(rig.left.matrix, RAW_K)
+    assert rig.left.distortion[0] == 0.1
+    assert np.degrees(np.arccos((np.trace(rig.rotation) - 1) / 2)) == pytest.approx(np.degrees(0.02))
+
+
+def test_cameras_that_are_not_calibrated(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for index, side in enumerate(("left", "right")):
+            bag.camera_info(f"/{side}/camera_info", (20, 12), np.zeros((3, 3)), [], np.zeros((3, 3)), np.zeros((3, 4)))
+            bag.image(f"/{side}/image", images(0)[index], START)
+    with Recording(tmp_path / "a.mcap") as source:
+        assert source.calibration is None
+        (warning,) = source.warnings
+    assert "not calibrated" in warning
+
+
+def test_without_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path / "a.mcap")
+    monkeypatch.setitem(__import__("sys").modules, "rosbags.typesys", None)
+    with pytest.raises(AnyNetError, match=r"bags and MCAP files need the extra ros: pip install 'anynet\[ros\]'"):
+        Recording(path)

@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from anynet import AnyNet, save_checkpoint
+from anynet.shutdown import _Gate, computing
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.1])
+def test_predicting_on_daemon_threads_at_exit(tmp_path: Path, seconds: float) -> None:
+    """Without the gate: "terminate called without an active exception", status -6, every time."""
+    save_checkpoint(tmp_path / "random.safetensors", AnyNet())
+    program = f"""
+import threading, time, numpy, anynet
+predictor = anynet.Predictor({str(tmp_path / "random.safetensors")!r})
+image = numpy.zeros((200, 300, 3), numpy.uint8)
+begun = threading.Semaphore(0)
+
+def work():
+    while True:
+        predictor.predict(image, image)
+        begun.release()
+
+for _ in range(4):
+    threading.Thread(target=work, daemon=True).start()
+for _ in range(4):
+    begun.acquire()
+time.sleep({seconds})
+"""
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_the_main_thread_may_compute_at_exit(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path / "random.safetensors", AnyNet())
+    program = f"""
+import atexit, numpy
+
+@atexit.register  # before the package: called after its own
+def last():
+    print(predictor.predict(image, image).stage)
+
+import anynet
+predictor = anynet.Predictor({str(tmp_path / "random.safetensors")!r})
+image = numpy.zeros((20, 30, 3), numpy.uint8)
+predictor.predict(image, image)
+"""
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert (result.returncode, result.stdout, result.stderr) == (0, "4\n", "")
+
+
+def test_closing_waits_for_those_inside_and_keeps_others_out() -> None:
+    gate, steps = _Gate(), []
+    gate.enter()
+
+    def leave() -> None:
+        time.sleep(0.05)
+        steps.append("left")
+        gate.leave()
+
+    def enter() -> None:
+        gate.enter()
+        steps.append("entered")
+
+    threading.Thread(target=leave).start()
+    gate.close()
+    threading.Thread(target=enter, daemon=True).start()
+    time.sleep(0.05)
+    assert steps == ["left"]
+
+
+def test_a_forked_child_does_not_wait_for_its_parents_threads() -> None:
+    inside, end = threading.Event(), threading.Event()
+
+    def compute() -> None:
+        with computing():
+            inside.set()
+            end.wait(10)
+
+    thread = threading.Thread(target=compute)
+    thread.start()
+    inside.wait(10)
+    child = os.fork()
+    if child == 0:
+        import anynet.shutdown
+
+        anynet.shutdown._gate.close()
+        os._exit(0)
+    deadline = time.monotonic() + 10
+    while (waited := os.waitpid(child, os.WNOHANG)) == (0, 0) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    end.set()
+    thread.join()
+    assert waited == (child, 0)

@@ -1,0 +1,241 @@
+"""Fuzzes one target, or all: python tests/fuzz/run.py TARGET --inputs 100000.
+
+Damaged files go to the readers, random arguments to the operators (targets.py), in a process of their own. What must
+not happen is counted as failed: a signal, more than 5 s of computing, more than 2 GB of memory, an exception that is
+not documented, a message that is not one line with the file's name. Failing inputs are kept, in --keep. An input is a
+function of target, seed and number: --first N --inputs 1 makes it again. Exit status 1 if anything failed.
+
+With --engine atheris the bytes are found by coverage (pip install 'anynet[fuzz]') instead of at random.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from pathlib import Path
+
+from mutations import mutated
+from targets import TARGETS, Calls, Reader
+
+SECONDS = 5  # of computing, per input
+MEMORY = 2 * 10**9  # bytes in use
+_ADDRESSES = 6 * 10**9  # of the process, so that the machine survives what fails
+_STUCK = 120  # seconds without a sign of life: it waits, without computing
+
+FINE = ("read", "refused", "computed")
+
+
+class _Input:
+    """Number `number` of a target: its bytes (of a reader) in a file, and what became of it."""
+
+    def __init__(self, name: str, seed: int, folder: Path) -> None:
+        self.name, self.seed = name, seed
+        self.target = TARGETS[name]
+        self.seeds = self.target.corpus() if isinstance(self.target, Reader) else []
+        self.file = folder / f"input{self.target.ending if isinstance(self.target, Reader) else ''}"
+
+    def run(self, number: int) -> str:
+        """Makes the input and tries it: the outcome, one of FINE or what failed."""
+        key = f"{self.name} {self.seed} {number}"
+        if isinstance(self.target, Calls):
+            return "computed" if self.target.call(key) else "refused"
+        return self.read(mutated(self.seeds, key))
+
+    def read(self, data: bytes) -> str:
+        from anynet.errors import AnyNetError
+
+        assert isinstance(self.target, Reader)
+        self.file.write_bytes(data)
+        try:
+            self.target.call(self.file)
+        except AnyNetError as error:
+            causes: list[BaseException] = [error]
+            while (cause := causes[-1].__cause__ or causes[-1].__context__) is not None:
+                causes.append(cause)
+            if any(isinstance(cause, MemoryError) for cause in causes):
+                return f"memory: {error}"
+            if len(str(error).splitlines()) != 1 or str(self.file) not in str(error):
+                return f"message: {error}"
+            return "refused"
+        return "read"
+
+
+def _work(name: str, seed: int, first: int, last: int, folder: Path) -> None:
+    """The worker: a line of JSON per input, [number, outcome], and one before it, [number, null]."""
+    warnings.simplefilter("ignore")
+    source = _Input(name, seed, folder)
+    resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, _ADDRESSES))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for number in range(first, last):
+        _say(number, None)
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)  # nobody handles it, so it ends even what hangs in C
+        try:
+            outcome = source.run(number)
+        except Exception as error:
+            outcome = f"{type(error).__name__}: {error}\n{traceback.format_exc()}"
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        used = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        if used > MEMORY and isinstance(source.target, Reader):
+            outcome = f"memory: {used / 1e9:.1f} GB"
+        _say(number, outcome)
+        if used > MEMORY:
+            return  # the most ever used is all that the system tells: begin again
+
+
+def _say(number: int, outcome: str | None) -> None:
+    os.write(3, json.dumps([number, outcome]).encode() + b"\n")
+
+
+class _Worker:
+    """A process that works on the inputs first ... last - 1, and its reports."""
+
+    def __init__(self, name: str, seed: int, first: int, last: int, folder: Path) -> None:
+        reading, writing = os.pipe()
+        arguments = [
+            sys.executable,
+            __file__,
+            name,
+            "--seed",
+            str(seed),
+            "--worker",
+            str(first),
+            str(last),
+            str(folder),
+        ]
+        command = 'exec 3>&"$0"; exec "$@"'
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONFAULTHANDLER": "", "TMPDIR": str(folder)}
+        self.process = subprocess.Popen(
+            ["bash", "-c", command, str(writing), *arguments],
+            pass_fds=[writing],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+        )
+        os.close(writing)
+        self._reports, self._buffer = reading, b""
+
+    def reports(self, until: float) -> list[tuple[int, str | None]] | None:
+        """Those that have come; None when the worker has ended."""
+        ready, _, _ = select.select([self._reports], [], [], max(0.0, min(_STUCK, until - time.monotonic())))
+        if not ready:
+            self.process.kill()
+        data = os.read(self._reports, 2**20)
+        if not data:
+            os.close(self._reports)
+            self.process.wait()
+            return None
+        *lines, self._buffer = (self._buffer + data).split(b"\n")
+        return [tuple(json.loads(line)) for line in lines]
+
+
+def fuzz(name: str, seed: int, inputs: int, *, first: int = 0, seconds: float = 1e9, keep: Path) -> Counter[str]:
+    """Tries the inputs first ... first + inputs - 1, for at most that many seconds; counts the outcomes."""
+    counts: Counter[str] = Counter()
+    until = time.monotonic() + seconds
+    memory = Path("/dev/shm")
+    next_input, last = first, first + inputs
+    with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as temporary:
+        folder = Path(temporary)
+        while next_input < last and time.monotonic() < until:
+            worker, running = _Worker(name, seed, next_input, last, folder), None
+            while (reports := worker.reports(until)) is not None:
+                for number, outcome in reports:
+                    running = number if outcome is None else None
+                    if outcome is not None:
+                        next_input = number + 1
+                        _count(counts, name, number, outcome, folder, keep)
+            if time.monotonic() >= until:
+                break
+            status = worker.process.returncode
+            if status == 0 and running is None:
+                continue
+            if running is None:
+                raise RuntimeError(f"{name}: the worker ended with {status} before input {next_input}")
+            if status in (-signal.SIGPROF, -signal.SIGKILL):
+                outcome = f"more than {SECONDS} s"
+            else:
+                outcome = f"signal {signal.Signals(-status).name}" if status < 0 else f"exit {status}"
+            _count(counts, name, running, outcome, folder, keep)
+            next_input = running + 1
+    return counts
+
+
+def _count(counts: Counter[str], name: str, number: int, outcome: str, folder: Path, keep: Path) -> None:
+    kind = outcome if outcome in FINE else f"FAILED {outcome.split(':')[0].splitlines()[0]}"
+    counts[kind] += 1
+    if outcome in FINE or counts[kind] > 20:
+        return
+    keep.mkdir(parents=True, exist_ok=True)
+    (keep / f"{name}-{number}.txt").write_text(outcome + "\n")
+    for file in folder.glob("input.*"):
+        (keep / f"{name}-{number}{file.suffix}").write_bytes(file.read_bytes())
+
+
+def _atheris(name: str, inputs: int, keep: Path) -> None:
+    """Never returns: libFuzzer ends the process, with status 0 if nothing failed."""
+    import atheris
+
+    included = ["anynet", "PIL", "numpy.lib"]
+    with tempfile.TemporaryDirectory() as temporary, atheris.instrument_imports(include=included):
+        source = _Input(name, 0, Path(temporary))
+        assert isinstance(source.target, Reader), f"{name} does not read files"
+        source.read(source.seeds[0])  # imports everything
+
+        def one(data: bytes) -> None:
+            outcome = source.read(data)
+            if outcome not in FINE:
+                raise RuntimeError(outcome)
+
+        seeds = Path(temporary) / "corpus"
+        seeds.mkdir()
+        for number, data in enumerate(source.seeds):
+            (seeds / str(number)).write_bytes(data)
+        keep.mkdir(parents=True, exist_ok=True)
+        limits = [f"-runs={inputs}", f"-timeout={SECONDS}", f"-rss_limit_mb={MEMORY // 2**20}"]
+        warnings.simplefilter("ignore")
+        atheris.Setup([sys.argv[0], *limits, f"-artifact_prefix={keep}/{name}-", str(seeds)], one)
+        atheris.Fuzz()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("target", choices=[*TARGETS, "all"])
+    parser.add_argument("--inputs", type=int, default=10_000, help="how many, per target")
+    parser.add_argument("--seconds", type=float, default=1e9, help="at most so long, per target")
+    parser.add_argument("--first", type=int, default=0, help="number of the first input")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--engine", choices=["mutations", "atheris"], default="mutations")
+    parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"), help="folder for failing inputs")
+    parser.add_argument("--worker", nargs=3, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.worker:
+        first, last, folder = options.worker
+        _work(options.target, options.seed, int(first), int(last), Path(folder))
+        return 0
+    if options.engine == "atheris":
+        _atheris(options.target, options.inputs, options.keep)
+    failed = False
+    for name in TARGETS if options.target == "all" else [options.target]:
+        start = time.monotonic()
+        counts = fuzz(
+            name, options.seed, options.inputs, first=options.first, seconds=options.seconds, keep=options.keep
+        )
+        outcomes = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items(), key=lambda one: one[0]))
+        print(f"{name}: {counts.total()} inputs in {time.monotonic() - start:.0f} s: {outcomes}", flush=True)
+        failed |= any(kind not in FINE for kind in counts)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""What is fuzzed: one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import corpus
+import operators
+
+
+@dataclass(frozen=True)
+class Reader:
+    """Reads files with damage; may raise AnyNetError and nothing else."""
+
+    call: Callable[[Path], Any]
+    ending: str
+    corpus: corpus.Corpus
+
+
+@dataclass(frozen=True)
+class Calls:
+    """Makes the call of a seed; returns whether the arguments were accepted."""
+
+    call: Callable[[str], bool]
+
+
+def _of(module: str, name: str, *more: Any) -> Callable[[Path], Any]:
+    """A function that is imported when it is first needed."""
+    return lambda path: getattr(import_module(module), name)(path, *more)
+
+
+_image = _of("anynet.io.images", "read_image")
+_disparity = _of("anynet.io.disparity", "read_disparity")
+_calibration = _of("anynet.camera.read", "read_calibration")
+_checkpoint = _of("anynet.checkpoint", "load_checkpoint")
+
+TARGETS: dict[str, Reader | Calls] = {
+    "image-png": Reader(_image, ".png", corpus.png),
+    "image-jpeg": Reader(_image, ".jpg", corpus.jpeg),
+    "image-tiff": Reader(_image, ".tiff", corpus.tiff),
+    "image-webp": Reader(_image, ".webp", corpus.webp),
+    "image-gif": Reader(_image, ".gif", corpus.gif),
+    "image-ppm": Reader(_image, ".ppm", corpus.ppm),
+    "image-others": Reader(_image, ".bmp", corpus.others),
+    "disparity-png": Reader(_disparity, ".png", corpus.disparity_png),
+    "disparity-tiff": Reader(_disparity, ".tiff", corpus.disparity_tiff),
+    "disparity-pfm": Reader(_disparity, ".pfm", corpus.pfm),
+    "disparity-npy": Reader(_disparity, ".npy", corpus.npy),
+    "disparity-npz": Reader(_disparity, ".npz", corpus.npz),
+    "csv": Reader(_of("anynet.data.custom", "table"), ".csv", corpus.csv),
+    "split": Reader(lambda path: _of("anynet.data.files", "names_in", path.parent)(path), ".txt", corpus.split),
+    "rendered": Reader(
+        lambda path: import_module("anynet.data.rendered").RenderedFolder(path.parent)[0], ".npy", corpus.rendered
+    ),
+    "recipe": Reader(lambda path: import_module("anynet.training.recipe").Recipe.load(path), ".json", corpus.recipe),
+    "calibration-kitti": Reader(_calibration, ".txt", corpus.kitti_calibration),
+    "calibration-middlebury": Reader(_calibration, ".txt", corpus.middlebury_calibration),
+    "calibration-yaml": Reader(_calibration, ".yml", corpus.opencv_calibration(".yml")),
+    "calibration-xml": Reader(_calibration, ".xml", corpus.opencv_calibration(".xml")),
+    "checkpoint-safetensors": Reader(_checkpoint, ".safetensors", corpus.safetensors),
+    "checkpoint-tar": Reader(_checkpoint, ".tar", corpus.pickled),
+    "operators": Calls(operators.call),
+}
