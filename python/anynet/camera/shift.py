@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Image = npt.NDArray[np.uint8]
 
-_MARGIN = 8  # columns more than the matched corners need
+_MARGIN = 16  # columns more than the matched corners need: they are few
 _LARGEST = 100_000
 
 
