@@ -56,11 +56,12 @@ _CUDA = _load_cuda()
 
 def build_info() -> dict[str, Any]:
     """What was built and what is in use: compiler, instruction sets, threads, CUDA or why not."""
+    config = _C.anynet_build_config().decode()
     return {
-        "config": _C.anynet_build_config().decode(),
+        "config": config,
         "instruction_sets": _C.anynet_isa_built().decode().split(),
         "instruction_set": _C.anynet_isa().decode(),
         "cuda_operators": _CUDA,
-        "threads": torch.get_num_threads(),
+        "threads": 1 if "no OpenMP" in config else torch.get_num_threads(),
         "torch": torch.__version__,
     }

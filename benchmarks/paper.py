@@ -27,6 +27,7 @@ import cv2
 import numpy as np
 import torch
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 from measure import console, options, subplots, write_json
 from rich.console import Console
 
@@ -34,13 +35,14 @@ from anynet import AnyNet, AnyNetConfig, save_checkpoint
 from anynet.baselines import MODELS, BaselineConfig, BaselineModel, BaselinePredictor
 from anynet.data import StereoSample, open_dataset
 from anynet.evaluation import opencv, report
-from anynet.evaluation.anytime import FIRST_MS, LAST_MS, Curve, best_cascade, one_after_another, random_queries
-from anynet.evaluation.evaluate import Method, evaluate
+from anynet.evaluation.anytime import FIRST_MS, LAST_MS, Curve, best_cascade, cascade, one_after_another, random_queries
+from anynet.evaluation.evaluate import Image, Method, evaluate
 from anynet.evaluation.methods import open_method
 from anynet.evaluation.splits import draw_splits
 from anynet.io import write_image
 from anynet.io.files import write_atomically
 from anynet.model import presets
+from anynet.predictor import Estimate
 from anynet.samples import Concatenation, Dataset
 from anynet.training.loop import LOG, WEIGHTS, train
 from anynet.training.recipe import Recipe
@@ -349,14 +351,14 @@ def random_weights(work: Work, point: Point) -> Method:
 def at_scale(method: Method, scale: float) -> Method:
     """A matcher on images resized by a factor, its result enlarged, in the images' own pixels."""
 
-    def run(left: opencv.Image, right: opencv.Image) -> Iterable[opencv.Estimate]:
+    def run(left: Image, right: Image) -> Iterable[Estimate]:
         start = perf_counter()
         height, width = left.shape[:2]
         size = max(1, round(scale * width)), max(1, round(scale * height))
-        small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (left, right)]
+        small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8) for image in (left, right)]
         for estimate in method(*small):
-            disparity = cv2.resize(estimate.disparity * np.float32(width / size[0]), (width, height))
-            yield opencv.Estimate(estimate.stage, disparity, 1e3 * (perf_counter() - start))
+            disparity = (cv2.resize(estimate.disparity, (width, height)) * (width / size[0])).astype(np.float32)
+            yield Estimate(estimate.stage, disparity, 1e3 * (perf_counter() - start))
 
     return method if scale == 1 else run
 
@@ -390,6 +392,9 @@ def _name(spec: str) -> str:
 def _finished(axis: Axes, title: str) -> None:
     axis.set_title(title)
     axis.set_xscale("log")
+    axis.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.xaxis.set_major_formatter("{x:g}")
+    axis.xaxis.set_minor_formatter(NullFormatter())
     axis.set_xlabel("milliseconds")
     axis.set_ylabel("D1, %")
     axis.grid(alpha=0.3)
@@ -461,8 +466,8 @@ class Measured:
     def curve(self) -> Curve:
         if self.stages:
             return Curve(self.milliseconds, self.errors)
-        errors, times = zip(*one_after_another(zip(self.errors, self.milliseconds, strict=True)), strict=True)
-        return Curve(times, errors)
+        finished = one_after_another(zip(self.errors, self.milliseconds, strict=True))
+        return Curve(tuple(time for _, time in finished), tuple(error for error, _ in finished))
 
 
 def fig6(work: Work) -> None:
@@ -482,18 +487,21 @@ def fig6(work: Work) -> None:
     for column, (spec, samples) in enumerate(work.datasets.items()):
         measured, crosses = _fig6_lines(work, spec, samples[0])
         for entry in measured:
-            above, below = axes[0][column], axes[1][column]
-            above.errorbar(
+            axes[0][column].errorbar(
                 entry.milliseconds, entry.errors, entry.deviations, fmt="o-" if entry.stages else "s:", capsize=2,
                 label=entry.label,
             )  # fmt: skip
-            curve = entry.curve()
-            times = (*curve.milliseconds, max(LAST_MS, curve.milliseconds[-1]))
-            below.step(times, (*curve.errors, curve.errors[-1]), where="post", label=entry.label)
-            wasted = curve.wasted(random_queries(1_000))
-            anytime.append(f"| {_name(spec)} | {entry.label} | {curve.area():.1f} | {wasted:.1f} |")
+            anytime.append(_anytime_row(axes[1][column], spec, entry.label, entry.curve()))
             for name, ms, error in zip(entry.names, entry.milliseconds, entry.errors, strict=True):
                 lines.append(f"| {_name(spec)} | {name} | {ms:.1f} | {error:.1f} |")
+        own = {entry.label: entry.curve() for entry in measured if entry.label.startswith(WEIGHTS_OF)}
+        if len(own) > 1:
+            best = best_cascade(own)
+            cut = [Curve(own[n].milliseconds[:stages], own[n].errors[:stages]) for n, stages in best]
+            label = "best cascade: " + ", then ".join(
+                f"{name.removeprefix(WEIGHTS_OF)} to stage {stages}" for name, stages in best
+            )
+            anytime.append(_anytime_row(axes[1][column], spec, label, cascade(cut)))
         for model, ms in crosses.items():
             published = ERRORS.get(model)
             if published is not None and kind_of(spec) == "kitti2015":
@@ -502,23 +510,23 @@ def fig6(work: Work) -> None:
             lines.append(f"| {_name(spec)} | {model} at full size, random weights | {ms:.0f} | {quoted} |")
         _finished(axes[0][column], f"{_name(spec)}: error and time")
         _finished(axes[1][column], f"{_name(spec)}: anytime setting")
-        points = [
-            (name, ms, error)
-            for entry in measured
-            if not entry.stages
-            for name, ms, error in zip(entry.names, entry.milliseconds, entry.errors, strict=True)
-        ]
-        results[spec] = {
-            "lines": [asdict(entry) for entry in measured],
-            "full_size_ms": crosses,
-            "best_cascade_of_baselines": best_cascade(sorted(points, key=lambda p: p[2])[:12]) if points else [],
-        }
+        results[spec] = {"lines": [asdict(entry) for entry in measured], "full_size_ms": crosses}
     quoted = "\n".join(f"* {model}: {entry.value:g} ms, {entry.source}" for model, entry in TX2.items())
     parts = [
         "![Error against time](fig6.png)", "\n".join(lines), "\n".join(anytime),
         f"{machine(work)}. On a Jetson TX2, as published:\n\n{quoted}", training_table(work, POINTS),
     ]  # fmt: skip
     write(work, "fig6", figure, results, "\n\n".join(parts))
+
+
+WEIGHTS_OF = "weights "
+
+
+def _anytime_row(axis: Axes, spec: str, label: str, curve: Curve) -> str:
+    """Draws the curve; gives its row of the table."""
+    end = max(LAST_MS, curve.milliseconds[-1])
+    axis.step((*curve.milliseconds, end), (*curve.errors, curve.errors[-1]), where="post", label=label)
+    return f"| {_name(spec)} | {label} | {curve.area():.1f} | {curve.wasted(random_queries(1_000)):.1f} |"
 
 
 def _fig6_lines(work: Work, spec: str, sample: StereoSample) -> tuple[list[Measured], dict[str, float]]:
@@ -533,17 +541,17 @@ def _fig6_lines(work: Work, spec: str, sample: StereoSample) -> tuple[list[Measu
     labels.append((ANYNET.label, (ANYNET.name,), True))
     labels += [(m, tuple(p.name for p in SMALL_BASELINES if p.baseline == m), False) for m in MODELS]
     for label, matcher in (("OpenCV BM", opencv.bm), ("OpenCV SGBM", opencv.sgbm)):
-        names = []
+        own = []
         for scale in SCALES[:2]:  # blocks of 15 pixels see nothing in smaller images
-            name = f"{label} at 1/{round(1 / scale)}"
+            name = label if scale == 1 else f"{label} at 1/{round(1 / scale)}"
             method = at_scale(matcher, scale)
             found = errors_of(work, name.replace("/", "-"), spec, everywhere(work, method))
             assert found is not None
             errors[name], methods[name] = found, method
-            names.append(name)
-        labels.append((label, tuple(names), False))
+            own.append(name)
+        labels.append((label, tuple(own), False))
     for weights in work.weights:
-        name = f"weights {Path(weights).stem}"
+        name = f"{WEIGHTS_OF}{Path(weights).stem}"
         method = open_method(weights, threads=work.threads)
         found = errors_of(work, name, spec, everywhere(work, method))
         assert found is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -75,8 +76,10 @@ def test_every_command(tmp_path, monkeypatch):
     run("train", *small)
     assert made == {path: path.stat().st_mtime_ns for path in weights}
     results = {}
+    other = tmp_path / "other.safetensors"
+    shutil.copy(weights[0], other)
     for command in ("table2", "fig5", "fig6", "fig7"):
-        run(command)
+        run(command, "--weights", "default", "--weights", str(other))
         with Image.open(tmp_path / "out" / f"{command}.png") as image:
             assert min(image.size) > 100
         results[command] = json.loads((tmp_path / "out" / f"{command}.json").read_text())
@@ -89,7 +92,10 @@ def test_every_command(tmp_path, monkeypatch):
         "nvtiny",
         "OpenCV BM",
         "OpenCV SGBM",
+        "weights default",
+        "weights other",
     ]
+    assert "| best cascade: default to stage " in (tmp_path / "out" / "fig6.md").read_text()
     assert set(results["fig7"][DATA]["milliseconds"]) == {point.name for point in paper.ABLATIONS}
     assert list(results["fig7"][DATA]["errors"]) == ["anynet"]
     before = results["table2"]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
+from pathlib import Path
+
 import pytest
 import torch
 
@@ -20,3 +23,11 @@ def test_registered_for_cuda(name):
     if anynet_ext.build_info()["cuda_operators"] != "yes":
         pytest.skip("built without CUDA")
     assert torch._C._dispatch_has_kernel_for_dispatch_key(f"anynet::{name}", "CUDA")
+
+
+def test_torch_exports_its_current_stream():
+    """In C, which the operators look up by name: the stable ABI has it since torch 2.13 only."""
+    library = Path(torch.__file__).parent / "lib" / "libtorch_cuda.so"
+    if not library.exists():
+        pytest.skip("the CPU build of torch")
+    assert ctypes.CDLL(str(library)).aoti_torch_get_current_cuda_stream

@@ -35,7 +35,7 @@ def _of(module: str, name: str, *more: Any) -> Callable[[Path], Any]:
 
 _image = _of("anynet.io.images", "read_image")
 _disparity = _of("anynet.io.disparity", "read_disparity")
-_calibration = _of("anynet.io.calibration", "read_calibration")
+_calibration = _of("anynet.camera.read", "read_calibration")
 _checkpoint = _of("anynet.checkpoint", "load_checkpoint")
 
 TARGETS: dict[str, Reader | Calls] = {

@@ -2,9 +2,10 @@
 
 import pytest
 import torch
+from operator_cases import ISAS, from_array, to_array
 
 import anynet_ext
-from anynet_ext import reference
+from anynet_ext import _kernels, reference
 
 SIZES = [
     ((5, 7), (20, 28)),
@@ -57,6 +58,31 @@ def test_gradients(small, size, align_corners):
         assert torch.autograd.gradcheck(
             lambda i, a: anynet_ext.resize(i, size, scale=3.0, add=a, align_corners=align_corners), (input, add)
         )
+
+
+@pytest.mark.parametrize("align_corners", [False, True])
+@pytest.mark.parametrize(("small", "size"), SIZES)
+@pytest.mark.parametrize("dtype", TOLERANCE)
+@pytest.mark.parametrize("isa", ISAS, ids=lambda isa: isa.name)
+def test_kernels(isa, dtype, small, size, align_corners):
+    tolerance = {"rtol": TOLERANCE[dtype], "atol": TOLERANCE[dtype]}
+    input, add, grad = images((2, 3, *small), dtype), images((2, 3, *size), dtype), images((2, 3, *size), dtype).flip(3)
+    leaf = input.double().requires_grad_()
+    expected = reference.resize(leaf, size, scale=-4.0, add=add.double(), align_corners=align_corners)
+    (expected_grad,) = torch.autograd.grad(expected, leaf, grad.double())
+    out = _kernels.resize(isa, to_array(input), *size, -4.0, to_array(add), align_corners, 2)
+    torch.testing.assert_close(from_array(out), expected.detach().to(dtype), **tolerance)
+    back = _kernels.resize_backward(isa, to_array(grad), *small, -4.0, align_corners, 2)
+    scale = max(1.0, expected_grad.abs().max().item())
+    torch.testing.assert_close(from_array(back).double() / scale, expected_grad / scale, **tolerance)
+
+
+@pytest.mark.parametrize("index", [0, 4])
+def test_devices(index):
+    arguments = [torch.zeros(1, 1, 2, 2), 4, 4, 1.0, torch.zeros(1, 1, 4, 4), False]
+    arguments[index] = arguments[index].to("meta")
+    with pytest.raises(RuntimeError, match="resize: expected all tensors on one device, got cpu and meta"):
+        torch.ops.anynet.resize(*arguments)
 
 
 def test_bits_do_not_depend_on_threads():

@@ -136,8 +136,8 @@ class PairPreparation:
                 if self._min_disparity is None:
                     smallest = min_disparity(calibration, matches)
                 checked = check_rectified(left, right, matches, doffs, self._reach + smallest)
-                if checked and checked[0].startswith("the pair looks unrectified") and self._has_rig():
-                    checked[0] += "; the calibration describes the raw cameras too: if the images are raw, use --raw"
+                if checked and checked[0].startswith("the pair looks unrectified"):
+                    checked[0] += self._hint()
                 findings += checked
         if smallest:
             notes.append(f"disparities looked for from {smallest} pixels on")
@@ -149,8 +149,13 @@ class PairPreparation:
         following._check, following._min_disparity = False, first.min_disparity
         return following
 
-    def _has_rig(self) -> bool:
-        return isinstance(self._cameras, Calibration) and self._cameras.rig is not None
+    def _hint(self) -> str:
+        """What may be the reason for rows that do not agree."""
+        if self._raw:
+            return "; is the calibration of this rig, and were the images raw? (--rectified if not)"
+        if isinstance(self._cameras, Calibration) and self._cameras.rig is not None:
+            return "; the calibration describes the raw cameras too: if the images are raw, use --raw"
+        return ""
 
     def _calibration(
         self, width: int, height: int

@@ -49,6 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.showwarning = _show_warning
         try:
             try:
+                _check_working_folder()
                 _application(arguments[0] if arguments else "")(arguments, prog_name="anynet")
             finally:
                 sys.stdout.flush()  # a closed pipe or a full disk shows here, not at exit
@@ -115,6 +116,14 @@ def _interruptible_imports() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _check_working_folder() -> None:
+    """Libraries end the process where it is gone, each with a message of its own."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise AnyNetError(f"the working folder cannot be used: {error.strerror}") from None
 
 
 def _open_closed_streams() -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from anynet.cli.pairs import find_pairs
 from anynet.errors import AnyNetError
+from anynet.io.images import endings
 
 if TYPE_CHECKING:
     from anynet.streams import Source
@@ -98,11 +99,6 @@ def _is_live(name: str) -> bool:
 
 
 def _is_images(name: str) -> bool:
-    from PIL import Image
-
     if os.path.isdir(name) or (glob.has_magic(name) and not os.path.exists(name)):
         return True
-    return Path(name).suffix.lower() in Image.registered_extensions() and Path(name).suffix.lower() not in _VIDEOS
-
-
-_VIDEOS = {".mpg", ".mpeg", ".avif"}  # that Pillow can only write
+    return Path(name).suffix.lower() in endings()

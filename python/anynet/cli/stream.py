@@ -6,6 +6,8 @@ import json
 import signal
 import sys
 import threading
+import warnings
+from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from enum import Enum
@@ -39,6 +41,8 @@ from anynet.io.files import make_folder
 
 if TYPE_CHECKING:
     from anynet.streams import Result, Sink, Stream
+
+_HEARD = 100  # warnings between two frames
 
 
 class DepthEncoding(str, Enum):
@@ -184,11 +188,13 @@ def stream(
 def _run(
     running: Stream, writer: Writer | None, sinks: list[Sink], told: list[str], frames: int | None, as_json: bool
 ) -> None:
-    with _stopping(running):
+    with _stopping(running), _heard_warnings() as heard:
         for count, result in enumerate(running.results(), start=1):
             report = _process(result, writer, sinks)
-            if count == 1:
-                report["warnings"] = [*told, *report["warnings"]]
+            first = told if count == 1 else ()
+            report["warnings"] = list(
+                dict.fromkeys([*first, *result.warnings, *(heard.popleft() for _ in range(len(heard)))])
+            )
             for warning in report["warnings"]:
                 if warning not in told:
                     print(f"anynet: {report['name']}: warning: {warning}", file=sys.stderr)
@@ -203,15 +209,14 @@ def _process(result: Result, writer: Writer | None, sinks: list[Sink]) -> dict[s
 
     pair, estimate = result.pair, result.estimate
     files: dict[str, str] = {}
-    with collected_warnings() as told:
-        if writer is not None:
-            results = writer.of(result.frame.name)
-            results.write_disparity("", estimate.disparity, limits_of(estimate.disparity))
-            if pair.calibration is not None:
-                results.write_depth(estimate.disparity, pair.calibration, pair.left)
-            files = results.files
-        for sink in sinks:
-            sink.write(result)
+    if writer is not None:
+        results = writer.of(result.frame.name)
+        results.write_disparity("", estimate.disparity, limits_of(estimate.disparity))
+        if pair.calibration is not None:
+            results.write_depth(estimate.disparity, pair.calibration, pair.left)
+        files = results.files
+    for sink in sinks:
+        sink.write(result)
     return {
         "name": result.frame.name,
         "stamp": result.frame.stamp / 1e9,
@@ -221,8 +226,21 @@ def _process(result: Result, writer: Writer | None, sinks: list[Sink]) -> dict[s
         "elapsed_ms": [round(estimate.elapsed_ms, 3)],
         "calibration": None if pair.calibration is None else pair.calibration.values(),
         "files": files,
-        "warnings": [*result.warnings, *told],
     }
+
+
+@contextmanager
+def _heard_warnings() -> Iterator[deque[str]]:
+    """Within, what `warnings.warn` tells on any thread; `collected_warnings` is for one thread alone."""
+    heard: deque[str] = deque(maxlen=_HEARD)
+
+    def hear(message: Warning | str, *_: Any, **__: Any) -> None:
+        heard.append(str(message))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = hear
+        yield heard
 
 
 @contextmanager

@@ -26,6 +26,10 @@ class Rendered(Dataset):
     """`count` pairs rendered when asked for, from the seeds `seed`, `seed` + 1, ..."""
 
     def __init__(self, count: int, seed: int = 0, height: int = 384, width: int = 768) -> None:
+        if count < 1 or seed < 0 or min(height, width) < 64:
+            raise AnyNetError(
+                f"rendered pairs: expected 1 or more of 64 x 64 or more, got {count} of {width} x {height}"
+            )
         self.name = "rendered"
         self._count, self._seed, self._size = count, seed, (height, width)
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise, product
 from typing import TypeVar
 
 import numpy as np
@@ -154,26 +154,52 @@ def mean_curve(curves: Sequence[Curve]) -> Curve:
     return Curve(tuple(times), errors, sum(curve.nothing for curve in curves) / len(curves))
 
 
-def best_cascade(points: Sequence[tuple[str, float, float]]) -> list[str]:
-    """Which methods to run one after another for the smallest area under the curve.
+def cascade(curves: Sequence[Curve]) -> Curve:
+    """The curve of methods that run one after another, stages and all.
 
-    Exhaustive over the order-preserving subsets of methods sorted by time.
-
-    Args:
-        points: name, milliseconds and error of each.
-
-    Returns: names in order of running.
+    A map that is worse than one before it, as the first of a slower method may be, is not handed out.
 
     Raises:
-        AnyNetError: if there are none, or more than 16.
+        AnyNetError: if there are no curves.
     """
-    if not 1 <= len(points) <= 16:
-        raise AnyNetError(f"best_cascade: expected 1 to 16 methods, got {len(points)}")
-    ordered = sorted(points, key=lambda point: point[1])
+    if not curves:
+        raise AnyNetError("cascade: expected at least one curve, got none")
+    start = 0.0
+    times: list[float] = []
+    errors: list[float] = []
+    for curve in curves:
+        times += [start + time for time in curve.milliseconds]
+        errors += curve.errors
+        start = times[-1]
+    return Curve(tuple(times), tuple(accumulate(errors, min)), curves[0].nothing)
 
-    def area(chosen: list[tuple[str, float, float]]) -> float:
-        errors, times = zip(*one_after_another([(error, time) for _, time, error in chosen]), strict=True)
-        return Curve(times, errors).area()
 
-    subsets = ([point for i, point in enumerate(ordered) if bits >> i & 1] for bits in range(1, 1 << len(ordered)))
-    return [name for name, _, _ in min(subsets, key=area)]
+def best_cascade(curves: Mapping[str, Curve]) -> list[tuple[str, int]]:
+    """Which methods to run one after another, and each to which stage, for the smallest `area`.
+
+    Tries every choice of stages; those chosen run in the order of their time.
+
+    Args:
+        curves: by name of the method.
+
+    Returns: names, in order of running, and numbers of stages.
+
+    Raises:
+        AnyNetError: if there are none, or more than 100,000 choices.
+    """
+    choices = math.prod(len(curve.milliseconds) + 1 for curve in curves.values())
+    if not 2 <= choices <= 100_000:
+        raise AnyNetError(f"best_cascade: expected 2 to 100,000 choices of stages, got {choices}")
+
+    def run(chosen: tuple[int, ...]) -> list[tuple[str, int, Curve]]:
+        cut = [
+            (name, stages, Curve(curve.milliseconds[:stages], curve.errors[:stages], curve.nothing))
+            for (name, curve), stages in zip(curves.items(), chosen, strict=True)
+            if stages
+        ]
+        return sorted(cut, key=lambda method: method[2].milliseconds[-1])
+
+    every = product(*(range(len(curve.milliseconds) + 1) for curve in curves.values()))
+    runs = (run(chosen) for chosen in every if any(chosen))
+    best = min(runs, key=lambda methods: cascade([curve for _, _, curve in methods]).area())
+    return [(name, stages) for name, stages, _ in best]

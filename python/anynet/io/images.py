@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import re
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from PIL import ExifTags, Image, ImageFile, UnidentifiedImageError
@@ -30,6 +31,7 @@ _UPRIGHT = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
+_DEEP_COLOR = re.compile("RGBA?;16[BLN]$")
 Levels = npt.NDArray[Any]  # uint8 or uint16
 
 
@@ -44,7 +46,7 @@ def open_image(path: str | Path) -> Image.Image:
     Raises:
         AnyNetError: if the file is missing, truncated or not an image, or has more than `max_pixels`.
     """
-    return _upright(path, _open(path, read_bytes(path)))[0]
+    return _upright(path, _open(path, read_bytes(path)))
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
@@ -73,12 +75,12 @@ def read_image(path: str | Path, bits: int | None = None) -> npt.NDArray[np.uint
     levels = _levels(path)
     if bits is None:
         bits = 16
-        used = _bits(levels)
+        used = used_bits(levels)
         if levels.dtype == np.uint16 and used < bits:
             warnings.warn(f"{path}: uses {used} of its 16 bits and so is dark; see `bits`", stacklevel=2)
     elif not 8 <= bits <= 16:
         raise AnyNetError(f"expected bits from 8 to 16, got {bits}")
-    return _to_8_bits(levels, bits)
+    return to_8_bits(levels, bits)
 
 
 def read_pair(left: str | Path, right: str | Path) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
@@ -93,8 +95,8 @@ def read_pair(left: str | Path, right: str | Path) -> tuple[npt.NDArray[np.uint8
     if images[0].shape[:2] != images[1].shape[:2]:
         sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in images)
         raise AnyNetError(f"expected two images of one size, got {sizes} ({left}, {right})")
-    bits = max(_bits(image) for image in images)
-    return _to_8_bits(images[0], bits), _to_8_bits(images[1], bits)
+    bits = max(used_bits(image) for image in images)
+    return to_8_bits(images[0], bits), to_8_bits(images[1], bits)
 
 
 def write_image(path: str | Path, image: npt.NDArray[np.uint8]) -> None:
@@ -133,18 +135,14 @@ def _open(path: str | Path, data: bytes) -> ImageFile.ImageFile:
     return image
 
 
-def _upright(path: str | Path, image: ImageFile.ImageFile) -> tuple[Image.Image, int]:
-    """The image decoded and turned, and the orientation that it is stored in."""
+def _upright(path: str | Path, image: ImageFile.ImageFile) -> Image.Image:
+    """The image decoded and turned."""
     if image.tile and image.tile[0].codec_name.startswith("ppm") and image.width * image.height > _SLOW_PIXELS:
         raise AnyNetError(f"{path}: expected binary values up to 255 or 65535 in a PPM or PGM of this size")
     with telling_damage(path, "damaged image"):
-        if image.format == "TIFF":  # Pillow turns it on loading, and then forgets that it did
-            orientation = _orientation(image)
-            image.load()
-            return image, orientation
         image.load()
-        orientation = _orientation(image)  # a PNG may tell it behind the pixels
-        return (image.transpose(_UPRIGHT[orientation]) if orientation in _UPRIGHT else image), orientation
+        orientation = _orientation(image)  # a PNG may tell it behind the pixels; Pillow has turned a TIFF already
+        return image.transpose(_UPRIGHT[orientation]) if orientation in _UPRIGHT else image
 
 
 def _orientation(image: Image.Image) -> int:
@@ -156,14 +154,24 @@ def _orientation(image: Image.Image) -> int:
 
 
 def _levels(path: str | Path) -> Levels:
-    """The image's own levels, uint8 or uint16, gray [H, W] or RGB [H, W, 3], upright."""
-    data = read_bytes(path)
+    return decode_levels(path, read_bytes(path))
+
+
+def decode_levels(path: str | Path, data: bytes) -> Levels:
+    """The levels of an image file's bytes, uint8 or uint16, gray [H, W] or RGB [H, W, 3], upright.
+
+    Args:
+        path: what errors call it.
+        data: the file's content.
+
+    Raises:
+        AnyNetError: as `read_image`.
+    """
     stored = _open(path, data)
     if stored.format == "PPM" and data[:2] in (b"P5", b"P6"):
         return _ppm_levels(path, data, stored)
-    # Pillow decodes 16-bit colors to 8 bits.
-    deep_color = stored.mode in ("RGB", "RGBA") and any(";16" in str(tile.args) for tile in stored.tile)
-    image, orientation = _upright(path, stored)
+    deep_color = bool(stored.tile) and all(_DEEP_COLOR.match(_raw_mode(tile.args)) for tile in stored.tile)
+    image = _upright(path, stored)
     if image.mode in ("LA", "La", "PA", "RGBA", "RGBa"):
         warnings.warn(f"{path}: the alpha channel is ignored", stacklevel=3)
     with telling_damage(path, "damaged image"):
@@ -172,21 +180,26 @@ def _levels(path: str | Path) -> Levels:
         if image.mode in ("I", "F"):
             raise AnyNetError(f"{path}: expected an image of 8 or 16 bits per channel, got 32 bits (mode {image.mode})")
         rgb = np.array(image.convert("RGB"))
-        return _deep_color(data, orientation, rgb) if deep_color else rgb
+        return rgb.astype(np.uint16) << 8 | _lower_bytes(path, data) if deep_color else rgb
 
 
-def _deep_color(data: bytes, orientation: int, rgb: npt.NDArray[np.uint8]) -> Levels:
-    """All 16 bits of the RGB image of whose levels Pillow gives the upper 8; these alone, if OpenCV has others."""
-    stored: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if stored is None or stored.dtype != np.uint16 or stored.ndim != 3 or stored.shape[2] < 3:
-        return rgb
-    channels = [Image.fromarray(np.ascontiguousarray(stored[..., channel])) for channel in (2, 1, 0)]
-    turned = [channel.transpose(_UPRIGHT[orientation]) for channel in channels] if orientation in _UPRIGHT else []
-    for candidate in (channels, turned):  # OpenCV turns some files, and some not
-        levels: Levels = np.dstack([np.asarray(channel) for channel in candidate]) if candidate else rgb[:0]
-        if levels.shape == rgb.shape and np.array_equal(levels >> 8, rgb):
-            return levels
-    return rgb
+def _lower_bytes(path: str | Path, data: bytes) -> Levels:
+    """Those of 16-bit colors, RGB [H, W, 3] upright: Pillow reads the upper bytes only, so the order is exchanged."""
+    image = _open(path, data)
+    image.tile = [tile._replace(args=_exchanged(tile.args)) for tile in image.tile]
+    return np.asarray(_upright(path, image).convert("RGB"))
+
+
+def _raw_mode(args: Any) -> str:
+    return str(args[0] if isinstance(args, tuple) and args else args)
+
+
+def _exchanged(args: Any) -> Any:
+    if isinstance(args, tuple):
+        return (_exchanged(args[0]), *args[1:])
+    mode, order = str(args).split(";16")
+    native = "L" if sys.byteorder == "little" else "B"
+    return f"{mode};16{'B' if (native if order == 'N' else order) == 'L' else 'L'}"
 
 
 def _ppm_levels(path: str | Path, data: bytes, image: ImageFile.ImageFile) -> Levels:
@@ -205,12 +218,12 @@ def _ppm_levels(path: str | Path, data: bytes, image: ImageFile.ImageFile) -> Le
     return _looked_up(levels, table.astype(stored.newbyteorder("=")))
 
 
-def _bits(levels: Levels) -> int:
+def used_bits(levels: Levels) -> int:
     """How many bits the levels use, among those that sensors have."""
     return max(8, 2 * ((int(levels.max()).bit_length() + 1) // 2))
 
 
-def _to_8_bits(levels: Levels, bits: int) -> npt.NDArray[np.uint8]:
+def to_8_bits(levels: Levels, bits: int) -> npt.NDArray[np.uint8]:
     """RGB [H, W, 3]; a level of 16 bits is scaled so that 2**bits - 1 becomes 255."""
     result: npt.NDArray[Any] = levels
     if levels.dtype == np.uint16:

@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anynet.errors import AnyNetError
+from anynet.io.images import to_8_bits, used_bits
 from anynet.streams.ros import (
     CAMERA_INFO,
     COMPRESSED,
     IMAGE,
-    bits_of,
     calibration_of,
     levels_of,
     require_rosbags,
     stamp_of,
-    to_8_bits,
 )
 from anynet.streams.source import Frame, Source, halves
 
@@ -82,7 +81,7 @@ class Recording(Source):
                     return
                 names = [f"{self._path}: image {index} of {topic}" for topic in self.topics]
                 levels = [levels_of(message, name) for message, name in zip(images, names, strict=True)]
-                bits = max([bits, *map(bits_of, levels)])  # of both cameras alike, and without flicker
+                bits = max([bits, *map(used_bits, levels)])  # of both cameras alike, and without flicker
                 arrays = [to_8_bits(image, bits) for image in levels]
                 left, right = arrays if len(arrays) == 2 else halves(arrays[0], names[0])
                 if left.shape != right.shape:

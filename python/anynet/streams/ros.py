@@ -18,6 +18,7 @@ from anynet.camera.formats import ros as camera_info
 from anynet.camera.formats.found import Request
 from anynet.camera.tree import Tree
 from anynet.errors import AnyNetError
+from anynet.io.images import decode_levels
 from anynet.streams.source import Image
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ IMAGE, COMPRESSED, CAMERA_INFO = (
 )
 DISPARITY, CLOUD = "stereo_msgs/msg/DisparityImage", "sensor_msgs/msg/PointCloud2"
 
-# sensor_msgs/image_encodings.h: dtype, channels, and how OpenCV makes RGB of it (None: it is)
+# sensor_msgs/image_encodings.h: dtype, channels, and how OpenCV makes RGB of it (None: it is, or gray)
 _ENCODINGS: Mapping[str, tuple[type, int, int | None]] = {
     "rgb8": (np.uint8, 3, None),
     "bgr8": (np.uint8, 3, cv2.COLOR_BGR2RGB),
@@ -38,12 +39,12 @@ _ENCODINGS: Mapping[str, tuple[type, int, int | None]] = {
     "rgba8": (np.uint8, 4, cv2.COLOR_RGBA2RGB),
     "bgra8": (np.uint8, 4, cv2.COLOR_BGRA2RGB),
     "8UC4": (np.uint8, 4, cv2.COLOR_BGRA2RGB),
-    "mono8": (np.uint8, 1, cv2.COLOR_GRAY2RGB),
-    "8UC1": (np.uint8, 1, cv2.COLOR_GRAY2RGB),
+    "mono8": (np.uint8, 1, None),
+    "8UC1": (np.uint8, 1, None),
     "rgb16": (np.uint16, 3, None),
     "bgr16": (np.uint16, 3, cv2.COLOR_BGR2RGB),
-    "mono16": (np.uint16, 1, cv2.COLOR_GRAY2RGB),
-    "16UC1": (np.uint16, 1, cv2.COLOR_GRAY2RGB),
+    "mono16": (np.uint16, 1, None),
+    "16UC1": (np.uint16, 1, None),
     # OpenCV names Bayer patterns by the second row's second and third pixel, ROS by the first row's first two.
     "bayer_rggb8": (np.uint8, 1, cv2.COLOR_BayerBG2RGB),
     "bayer_bggr8": (np.uint8, 1, cv2.COLOR_BayerRG2RGB),
@@ -71,16 +72,13 @@ def stamp_of(message: Any) -> int:
 
 
 def levels_of(message: Any, where: str) -> npt.NDArray[Any]:
-    """The RGB image [H, W, 3] of a sensor_msgs/Image or CompressedImage, uint8 or uint16.
+    """Of a sensor_msgs/Image or CompressedImage: gray [H, W] or RGB [H, W, 3], uint8 or uint16.
 
     Raises:
         AnyNetError: if the encoding is not known, or the data are not what the message says.
     """
     if message.__msgtype__ == COMPRESSED:
-        decoded = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR) if len(message.data) else None
-        if decoded is None:
-            raise AnyNetError(f"{where}: not a compressed image that can be decoded ({message.format[:40]!r})")
-        return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), np.uint8)
+        return decode_levels(where, bytes(message.data))
     if message.encoding not in _ENCODINGS:
         raise AnyNetError(f"{where}: expected encoding {', '.join(_ENCODINGS)}, got {message.encoding[:40]!r}")
     dtype, channels, code = _ENCODINGS[message.encoding]
@@ -91,7 +89,8 @@ def levels_of(message: Any, where: str) -> npt.NDArray[Any]:
             f"{where}: expected {width} x {height} pixels of {message.encoding}, got {len(message.data)} bytes "
             f"in rows of {step}"
         )
-    padded = np.zeros(step * height, np.uint8)
+    step = row if height == 1 else step  # a message's step may be anything then
+    padded = np.zeros(step * height, np.uint8)  # the last row may end at its last pixel
     data = np.asarray(message.data, np.uint8)[: step * height]
     padded[: len(data)] = data
     pixels: npt.NDArray[Any] = np.ascontiguousarray(padded.reshape(height, step)[:, :row]).view(dtype)
@@ -102,18 +101,6 @@ def levels_of(message: Any, where: str) -> npt.NDArray[Any]:
         return pixels if code is None else cv2.cvtColor(pixels, code)
     except cv2.error as error:
         raise AnyNetError(f"{where}: {width} x {height} pixels of {message.encoding} make no image") from error
-
-
-def bits_of(levels: npt.NDArray[Any]) -> int:
-    """How many bits the levels use, among those that sensors have."""
-    return max(8, 2 * ((int(levels.max()).bit_length() + 1) // 2))
-
-
-def to_8_bits(levels: npt.NDArray[Any], bits: int) -> Image:
-    """Levels of 16 bits scaled so that 2**bits - 1 becomes 255."""
-    if levels.dtype == np.uint8:
-        return levels
-    return np.round(levels * np.float32(255 / (2**bits - 1))).clip(max=255).astype(np.uint8)
 
 
 def calibration_of(left: Any, right: Any, where: str) -> Calibration:

@@ -36,6 +36,19 @@ def test_missing_file(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path
     refused(run, tmp_path / "out", message, pair[0], missing, "--weights", weights)
 
 
+def test_what_is_no_file(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.png")
+    (tmp_path / "loop.png").symlink_to("loop.png")
+    for path, message in (
+        (tmp_path / "pipe.png", "expected a file, got a pipe"),
+        ("/dev/zero", "expected a file, got a device"),
+        (tmp_path / "loop.png", "Too many levels of symbolic links"),
+    ):
+        message = f"cannot read {path}: {message}"
+        refused(run, tmp_path / "out", message, path, pair[1], "--weights", weights)
+        refused(run, tmp_path / "out", message, pair[0], path, "--weights", weights)
+
+
 def test_truncated_png(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
     data = pair[1].read_bytes()
     for length in (0, 20, len(data) // 2):

@@ -8,11 +8,15 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from anynet import cli
 from anynet.cli import COMMANDS
+from anynet.errors import AnyNetError
 
 from .conftest import Run
 
@@ -49,6 +53,9 @@ def test_every_command_has_help(run: Run, name: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["evaluate", "--data", "render:1", "--threads", "1000000"], "Invalid value for '--threads'"),
+        (["render", "--out", "o", "--workers", "1000000"], "Invalid value for '--workers'"),
+        (["render", "--out", "o", "--height", "1000000000"], "Invalid value for '--height'"),
         (["dream"], "No such command 'dream'"),
         (["predict", "left.png"], "Missing argument 'RIGHT'"),
         (["predict", "l", "r", "--out", "o", "--format", "jpg"], "'jpg' is not one of"),
@@ -79,6 +86,114 @@ def test_a_closed_pipe_is_quiet() -> None:
     process.stdout.close()
     assert process.stderr.read() == b""
     assert process.wait() == 1
+
+
+def test_a_closed_standard_output_is_no_error() -> None:
+    for closed in (">&-", ">&- 2>&-", "<&- >&-"):
+        command = ["bash", "-c", f'exec "$@" {closed}', "bash", *MODULE, "info"]
+        result = subprocess.run(command, capture_output=True, check=False)
+        assert (result.returncode, result.stderr) == (0, b"")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
+def test_a_full_standard_output_is_one_line() -> None:
+    for arguments in (["info"], ["--help"]):
+        with open("/dev/full", "w") as full:
+            result = subprocess.run([*MODULE, *arguments], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        assert (result.returncode, result.stderr) == (2, "anynet: No space left on device\n")
+    with open("/dev/full", "w") as full:
+        assert subprocess.run([*MODULE, "predict", "a", "b", "--out", "c"], stderr=full, check=False).returncode == 2
+
+
+def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
+    path = os.pathsep.join(os.path.abspath(p) for p in sys.path if p)
+    leaving = "import os; os.mkdir('gone'); os.chdir('gone'); os.rmdir('../gone')"
+    program = f"{leaving}; os.execv({MODULE[0]!r}, {[*MODULE, 'info']!r})"
+    environment = {**os.environ, "PYTHONPATH": path}
+    command = [sys.executable, "-c", program]
+    result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert result.returncode == 2
+    assert result.stderr == "anynet: the working folder cannot be used: No such file or directory\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (PermissionError(13, "Permission denied", "/a/b"), 2, "anynet: /a/b: Permission denied"),
+        (OSError("something"), 2, "anynet: something"),
+        (AnyNetError("a\nb.png: expected this"), 2, "anynet: a b.png: expected this"),
+        (MemoryError(), 2, "anynet: out of memory"),
+        (KeyboardInterrupt(), 130, None),
+    ],
+)
+def test_errors_are_one_line(
+    run: Run, monkeypatch: pytest.MonkeyPatch, error: BaseException, status: int, line: str | None
+) -> None:
+    def fail(chosen: str) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "_application", fail)
+    result = run("info")
+    assert result.status == status
+    assert result.err.splitlines() == ([line] if line else [])
+
+
+def test_warnings_are_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def warn(chosen: str) -> Callable[..., None]:
+        warnings.warn("a.png: dark", stacklevel=1)
+        raise SystemExit(0)
+
+    monkeypatch.setattr(cli, "_application", warn)
+    result = run("info")
+    assert (result.status, result.err) == (0, "anynet: warning: a.png: dark\n")
+
+
+SWALLOWING = """
+import os, signal, sys, time
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(5)
+except BaseException:
+    pass
+"""
+
+
+def test_an_interrupt_during_imports_ends_the_program(tmp_path: Path) -> None:
+    """Even where a library swallows KeyboardInterrupt; never with a traceback."""
+    (tmp_path / "swallowing.py").write_text(SWALLOWING)
+    program = (
+        "import sys, anynet.cli as cli\n"
+        "def application(chosen):\n    import swallowing\n    print('went on')\n    raise SystemExit(0)\n"
+        "cli._application = application\nsys.exit(cli.main([]))"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *(p for p in sys.path if p)])}
+    result = subprocess.run(
+        [sys.executable, "-c", program],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (result.returncode, result.stdout, result.stderr) == (130, "", "")
+
+
+@pytest.mark.slow
+def test_an_interrupt_at_any_time_ends_the_program(pair: tuple[Path, Path], tmp_path: Path) -> None:
+    for wait in (0.3, 0.6, 1, 1.5, 2, 3):
+        process = subprocess.Popen(
+            [*MODULE, "predict", *map(str, pair), "--out", str(tmp_path / "out")],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )
+        time.sleep(wait)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+        # Before the first of our lines runs, nobody but Python can answer.
+        assert process.returncode in (0, 130, -signal.SIGINT)
+        assert "Traceback" not in errors or process.returncode == -signal.SIGINT
 
 
 def test_interrupt(folders: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import os
+import time
 from pathlib import Path
 
 import pytest
@@ -63,3 +65,105 @@ def test_what_does_not_pair(tmp_path: Path) -> None:
     for left, right, message in cases:
         with pytest.raises(AnyNetError, match=message):
             find_pairs(str(tmp_path / left), str(tmp_path / right))
+
+
+def results(name: str) -> set[str]:
+    """The files that a pair's results go to, as a file system without case sees them."""
+    stages = ["", "stage1_", "stage2_", "stage3_"]
+    return {f"{name}_{stage}{kind}".casefold() for stage in stages for kind in ("disparity.png", "color.png")}
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        ["a/b.png", "a_b.png", "b.png", "a_b_png.png"],
+        ["a/b.png", "a_b.jpg", "a_b.png", "a.b.png", "b.png", "b.jpg", "a_b_png/x.png"],
+        ["frame.png", "Frame.png", "FRAME.png"],
+        ["x/a.png", "y/A.png", "x_A.png", "X/a.PNG"],
+        ["stra\u00dfe.png", "strasse.png", "STRASSE.png"],
+        ["caf\u00e9.png", "cafe\u0301.png"],
+        ["a.png", "a_stage1.png", "a_stage1_stage2.png"],
+        ["a_stage1.png", "b/a.png", "b/a_stage1.png"],
+        ["a.png", "a.jpg", "a_png.png", "a_png_2.png", "a_jpg.png"],
+    ],
+)
+def test_no_results_overwrite_others(tmp_path: Path, files: list[str]) -> None:
+    touch(tmp_path, *files)
+    pairs, alone = find_pairs(str(tmp_path / "**/*.*"), str(tmp_path / "**/*.*"))
+    assert len(pairs) == len(files)
+    assert alone == []
+    written = [file for pair in pairs for file in results(pair.name)]
+    assert len(set(written)) == len(written)
+
+
+def test_links_are_named_by_themselves(tmp_path: Path) -> None:
+    touch(tmp_path, "store/51aa", "store/52bb")
+    for scene in "AB":
+        (tmp_path / scene).mkdir()
+        for number, name in enumerate(("51aa", "52bb")):
+            (tmp_path / scene / f"im{number}.png").symlink_to(tmp_path / "store" / name)
+    pairs, _ = find_pairs(str(tmp_path / "?/im0.png"), str(tmp_path / "?/im1.png"))
+    assert [pair.name for pair in pairs] == ["A_im0", "B_im0"]
+
+
+def test_link_loops_and_a_missing_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "loop.png").symlink_to("loop.png")
+    (pair,), _ = find_pairs(str(tmp_path / "loop.png"), "loop.png")
+    assert pair.name == "loop"
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert find_pairs("a/l.png", "r.png")[0][0].name == "l"
+
+
+def test_hidden_files_are_no_images(tmp_path: Path) -> None:
+    touch(tmp_path, "l/a.png", "l/._a.png", "r/a.png", "r/._a.png", "l/.DS_Store.png")
+    pairs, alone = find_pairs(str(tmp_path / "l"), str(tmp_path / "r"))
+    assert [pair.name for pair in pairs] == ["a"]
+    assert alone == []
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "numbers"),
+    [
+        ("left/{}.png", "right/{}.png", ["0001", "0003", "0004", "0005"]),
+        ("left/l_{}.png", "right/r_{}.png", ["0001", "0003", "0004", "0005"]),
+        ("cam0/img{}_a.png", "cam1/img{}_b.png", ["1", "3", "10", "11"]),
+    ],
+)
+def test_a_lost_frame_does_not_shift_the_others(tmp_path: Path, left: str, right: str, numbers: list[str]) -> None:
+    touch(tmp_path, *(left.format(number) for number in numbers))
+    other = [numbers[0], "0002", *numbers[1:2], numbers[3]]
+    touch(tmp_path, *(right.format(number) for number in other))
+    wild = [str(tmp_path / name.split("/")[0] / "*.png") for name in (left, right)]
+    pairs, alone = find_pairs(*wild)
+    expected = [(left.format(number), right.format(number)) for number in (numbers[0], numbers[1], numbers[3])]
+    found = [tuple(str(path.relative_to(tmp_path)) for path in (pair.left, pair.right)) for pair in pairs]
+    assert sorted(found) == sorted(expected)
+    assert [path.relative_to(tmp_path).as_posix() for path in alone] == [left.format(numbers[2]), right.format("0002")]
+
+
+def test_a_number_of_the_camera_is_not_one_of_the_frame(tmp_path: Path) -> None:
+    touch(tmp_path, *(f"{scene}/im{side}.png" for scene in "AB" for side in (0, 1)))
+    pairs, alone = find_pairs(str(tmp_path / "*/im0.png"), str(tmp_path / "*/im1.png"))
+    assert [(p.left.parent.name, p.right.parent.name) for p in pairs] == [("A", "A"), ("B", "B")]
+    assert alone == []
+    touch(tmp_path, "one/10.png", "one/20.png", "two/11.png", "two/21.png")  # times of two clocks
+    pairs, alone = find_pairs(str(tmp_path / "one/*"), str(tmp_path / "two/*"))
+    assert [(p.left.name, p.right.name) for p in pairs] == [("10.png", "11.png"), ("20.png", "21.png")]
+    assert alone == []
+
+
+@pytest.mark.parametrize("how", ["folders", "patterns"])
+def test_ten_thousand_pairs(tmp_path: Path, how: str) -> None:
+    first = tmp_path / "0"
+    first.touch()
+    for side in ("l", "r"):
+        (tmp_path / side).mkdir()
+        for number in range(10_000):
+            os.link(first, tmp_path / side / f"{number:05}.png")
+    given = [str(tmp_path / side / ("" if how == "folders" else "*.png")) for side in ("l", "r")]
+    start = time.process_time()
+    pairs, alone = find_pairs(*given)
+    assert time.process_time() - start < 1
+    assert (len(pairs), len(alone)) == (10_000, 0)

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from bags import START, BagWriter
+from PIL import Image
 
 from anynet import Predictor
 from anynet.io import read_disparity, read_image, write_image
@@ -128,7 +129,7 @@ def raw_view(camera: np.ndarray, distortion: np.ndarray, x: float, turn: float, 
     columns, rows = np.meshgrid(np.arange(320.0), np.arange(240.0))
     pixels = np.stack([columns, rows], axis=-1).reshape(-1, 1, 2)
     rays = cv2.undistortPoints(pixels, camera, distortion).reshape(240, 320, 2)
-    rays = np.dstack([rays, np.ones((240, 320))]) @ cv2.Rodrigues(np.array([0, turn, 0]))[0].T
+    rays = np.dstack([rays, np.ones((240, 320))]) @ cv2.Rodrigues(np.array([0.0, turn, 0.0]))[0].T
     points = rays * (depth / rays[..., 2:])
     where = ((points[..., :2] + (x, 0)) * 400 + 800).astype(np.float32)
     return cv2.remap(texture, where[..., 0], where[..., 1], cv2.INTER_LINEAR)
@@ -140,7 +141,7 @@ def test_raw_images_of_a_rig_with_distortion(run: Run, tmp_path: Path) -> None:
     camera = np.array([[260.0, 0, 158], [0, 262, 121], [0, 0, 1]])
     distortion = np.array([-0.25, 0.06, 0.001, -0.001, 0.0])
     turn = 0.03
-    rotation = cv2.Rodrigues(np.array([0, -turn, 0]))[0]  # from the left camera's axes to the right one's
+    rotation = cv2.Rodrigues(np.array([0.0, -turn, 0.0]))[0]  # from the left camera's axes to the right one's
     translation = rotation @ np.array([[-0.12], [0], [0]])
     r1, r2, p1, p2, *_ = cv2.stereoRectify(camera, distortion, camera, distortion, (320, 240), rotation, translation)
     views = [raw_view(camera, distortion, x, angle, 1.5) for x, angle in ((0, 0), (0.12, turn))]
@@ -251,3 +252,65 @@ def test_warnings_come_with_the_first_frame(run: Run, weights: Path, tmp_path: P
     assert any("swapped" in warning for warning in frame["warnings"])
     assert "anynet: 0: warning: left and right look swapped" in result.err
     assert run(*given, "--no-check").err == ""
+
+
+def test_warnings_of_other_threads(run: Run, folders: tuple[Path, Path], weights: Path) -> None:
+    """Images are read on a thread of their own, whose warnings are the frame's."""
+    alpha = np.dstack([read_image(folders[0] / "b.png"), np.full((48, 64), 9, np.uint8)])
+    Image.fromarray(alpha).save(folders[0] / "b.png")
+    result = run("stream", *folders, "--weights", weights, "--every-frame", "--json")
+    frames, _ = lines(result.out)
+    message = f"{folders[0] / 'b.png'}: the alpha channel is ignored"
+    assert [warning for frame in frames for warning in frame["warnings"]] == [message]
+    assert [line.partition(": warning: ")[2] for line in result.err.splitlines()] == [message]
+
+
+@pytest.mark.slow
+def test_from_a_board_to_depth(run: Run, tmp_path: Path) -> None:
+    """calibrate -> stream -> MCAP: rendered pictures of a board, then raw videos of a wall that comes nearer."""
+    reader = pytest.importorskip("mcap.reader", reason="the mcap library is not installed")
+    ros2 = pytest.importorskip("mcap_ros2.decoder", reason="mcap-ros2-support is not installed")
+    from camera import rendering
+
+    true = rendering.rig()
+    sides = "left", "right"
+    for side in sides:
+        (tmp_path / side).mkdir()
+    for index, images in enumerate(rendering.pairs(*rendering.chessboard(9, 6, 0.025), 14)):
+        for side, image in zip(sides, images, strict=True):
+            write_image(tmp_path / side / f"{index:02}.png", image)
+    calib = tmp_path / "stereo.yaml"
+    result = run(
+        "calibrate", tmp_path / "left", tmp_path / "right", "--board", "9x6", "--square", 0.025, "--out", calib
+    )
+    assert result.status == 0, result.err
+
+    noise = np.random.default_rng(3).integers(0, 256, (300, 300, 3), dtype=np.uint8)
+    texture = cv2.resize(noise, (3000, 3000), interpolation=cv2.INTER_CUBIC)
+    depths = 1.6, 1.2, 0.9
+    directions = [rendering.rays(camera) for camera in (true.left, true.right)]
+    poses = (np.eye(3), np.zeros(3)), (true.rotation, true.translation)
+    for side, rays, (rotation, translation) in zip(sides, directions, poses, strict=True):
+        writer = cv2.VideoWriter(str(tmp_path / f"{side}.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, rendering.SIZE)
+        for depth in depths:
+            place = rotation @ [-1.5, -1.5, depth] + translation
+            writer.write(rendering.view(rays, rotation, place, texture, 1000.0)[..., ::-1].copy())
+        writer.release()
+
+    out = tmp_path / "out.mcap"
+    videos = tmp_path / "left.avi", tmp_path / "right.avi"
+    result = run("stream", *videos, "--calib", calib, "--every-frame", "--record", out, "--json")
+    assert result.status == 0, result.err
+    frames, summary = lines(result.out)
+    assert summary["frames"] == 3
+    assert not any("unrectified" in warning for warning in frames[0]["warnings"])
+    turned = true.rectify().rotations[0]
+    found = []
+    with open(out, "rb") as file:
+        decoders = [ros2.DecoderFactory()]
+        for _, _, _, message in reader.make_reader(file, decoder_factories=decoders).iter_decoded_messages(
+            ["/stereo/points"]
+        ):
+            points = np.frombuffer(bytes(message.data), "<f4").reshape(-1, 4)[:, :3]
+            found.append(float(np.median((points @ turned)[:, 2])))  # in the raw left camera's frame
+    assert found == pytest.approx(depths, rel=0.03)

@@ -36,3 +36,16 @@ def test_kitti_layouts(tmp_path: Path, kind: str, left: str, right: str, suffix:
     (tmp_path / "list.txt").write_text("000009\n")
     with pytest.raises(AnyNetError, match="names 000009_10"):
         open_dataset(f"{kind}:{tmp_path}?split=list.txt")
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe1", b"\xe9\n"])
+def test_damaged_split_files(tmp_path: Path, content: bytes) -> None:
+    for camera in ("image_2", "image_3"):
+        tree(tmp_path / "training", f"{camera}/000000_10.png")
+    tree(tmp_path / "training", "disp_noc_0/000000_10.png")
+    (tmp_path / "list.txt").write_bytes(content)
+    if content:
+        with pytest.raises(AnyNetError, match=r"list\.txt: not a text in UTF-8"):
+            open_dataset(f"kitti2015:{tmp_path}?split=list.txt")
+    else:
+        assert len(open_dataset(f"kitti2015:{tmp_path}?split=list.txt")) == 0

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 from trees import SIZE, check, tree
 
 from anynet.data import open_dataset
+from anynet.errors import AnyNetError
 from anynet.io import write_image
 
 
@@ -40,3 +42,10 @@ def test_scale_of_middlebury_2006_follows_the_size(tmp_path: Path) -> None:
         assert np.allclose(sample.disparity, 10)
         assert sample.noc[:, 10:].all()
         assert not sample.noc[:, :10].any()
+
+
+def test_an_image_whose_size_cannot_be_read(tmp_path: Path) -> None:
+    for name in ("im2.png", "im6.png", "disp2.png"):
+        (tmp_path / name).write_bytes(b"damaged")
+    with pytest.raises(AnyNetError, match=r"cannot read .*im2\.png: not an image"):
+        open_dataset(f"middlebury2003:{tmp_path}")

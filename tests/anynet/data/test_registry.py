@@ -82,3 +82,9 @@ def test_specs(tmp_path: Path) -> None:
 def test_wrong_specs(spec: str, message: str) -> None:
     with pytest.raises(AnyNetError, match=message):
         open_datasets([spec])
+
+
+@pytest.mark.parametrize("spec", ["render:abc", "render:-1", "render:1?height=x", "render:1?height=3", "render:1?a=2"])
+def test_options_that_cannot_be(spec: str) -> None:
+    with pytest.raises(AnyNetError, match=r"^[^\n]+$"):
+        open_dataset(spec)

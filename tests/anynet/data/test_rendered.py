@@ -9,6 +9,8 @@ from anynet.data.rendered import RenderedFolder, write_rendered
 from anynet.errors import AnyNetError
 from anynet.synthetic import render
 
+MAGIC = b"\x93NUMPY"
+
 
 def test_folder_holds_what_was_rendered_and_is_resumed(tmp_path: Path) -> None:
     assert list(write_rendered(tmp_path, 2, seed=4, height=96, width=128)) == [0, 1, 2]
@@ -29,3 +31,19 @@ def test_folder_of_another_size_is_refused(tmp_path: Path) -> None:
     list(write_rendered(tmp_path, 1, height=96, width=128))
     with pytest.raises(AnyNetError, match=r'asked for .*"height": 64'):
         list(write_rendered(tmp_path, 1, height=64, width=128))
+
+
+@pytest.mark.parametrize("content", [b"", b"damaged", MAGIC + b"\x01\0\x05\0(((((", None])
+def test_damaged_pairs_are_told(tmp_path: Path, content: bytes | None) -> None:
+    if content is None:
+        np.save(tmp_path / "0000000.npy", np.zeros((3, 4)))
+    else:
+        (tmp_path / "0000000.npy").write_bytes(content)
+    with pytest.raises(AnyNetError, match=r"cannot read .*0000000\.npy: not a pair that `anynet render` wrote [^\n]*$"):
+        RenderedFolder(tmp_path)[0]
+
+
+def test_a_damaged_note_of_the_settings(tmp_path: Path) -> None:
+    (tmp_path / "render.json").write_bytes(b"{broken\n")
+    with pytest.raises(AnyNetError, match=r"holds pairs rendered with '\{broken', asked for"):
+        next(write_rendered(tmp_path, 1))

@@ -11,6 +11,7 @@ from anynet.errors import AnyNetError
 from anynet.evaluation.anytime import (
     Curve,
     best_cascade,
+    cascade,
     curve_of,
     curve_of_stages,
     mean_curve,
@@ -105,9 +106,20 @@ def test_the_mean_of_curves_steps_where_each_does():
         mean_curve([])
 
 
+def test_a_cascade_hands_out_nothing_worse():
+    fast, slow = Curve((5.0, 10.0), (30.0, 20.0)), Curve((50.0, 90.0), (25.0, 4.0))
+    assert cascade([fast, slow]) == Curve((5.0, 10.0, 60.0, 100.0), (30.0, 20.0, 20.0, 4.0))
+    with pytest.raises(AnyNetError, match="at least one curve"):
+        cascade([])
+
+
 def test_the_best_cascade():
     # The slow one is worth its time only after the fast one; the middle one only delays it.
-    assert best_cascade([("slow", 100, 4), ("fast", 5, 20), ("middle", 90, 19)]) == ["fast", "slow"]
-    assert best_cascade([("alone", 50, 4)]) == ["alone"]
-    with pytest.raises(AnyNetError, match="1 to 16 methods, got 0"):
-        best_cascade([])
+    fast, middle, slow = Curve((5.0,), (20.0,)), Curve((90.0,), (19.0,)), Curve((100.0,), (4.0,))
+    assert best_cascade({"slow": slow, "fast": fast, "middle": middle}) == [("fast", 1), ("slow", 1)]
+    # The fast one's last stage brings less than it delays.
+    fast = Curve((5.0, 60.0), (20.0, 19.9))
+    assert best_cascade({"slow": slow, "fast": fast}) == [("fast", 1), ("slow", 1)]
+    assert best_cascade({"fast": fast}) == [("fast", 2)]
+    with pytest.raises(AnyNetError, match=r"100,000 choices of stages, got 1$"):
+        best_cascade({})

@@ -358,3 +358,17 @@ def test_a_size_that_the_format_does_not_hold(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match=r"cannot write .*wide\.webp: "):
         write_image(tmp_path / "wide.webp", np.zeros((1, 20_000, 3), np.uint8))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("length", [0x0004DF49, 0x72D7ACDF, 0x80000000, 0xFFFFFFFF])
+def test_a_chunk_longer_than_its_file(tmp_path: Path, length: int) -> None:
+    """In 16-bit colors: OpenCV took the memory, up to 4 GB, for a file of 1 KB."""
+    path = tmp_path / "deep.png"
+    data = cv2.imencode(".png", RGB.astype(np.uint16) * 257)[1].tobytes()
+    path.write_bytes(data[:33] + struct.pack(">I", length) + data[37:])
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    try:
+        assert read_image(path).shape == RGB.shape
+    except AnyNetError as error:
+        assert "deep.png" in str(error)  # noqa: PT017
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # KB

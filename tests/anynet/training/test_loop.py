@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import os
 import signal
 import time
 from dataclasses import replace
@@ -13,6 +15,7 @@ import torch
 from planes import RECIPE, Planes, finish, log_lines, start
 from safetensors.torch import load_file
 
+from anynet import cli
 from anynet.checkpoint import load_checkpoint
 from anynet.errors import AnyNetError
 from anynet.model.anynet import AnyNet
@@ -127,3 +130,81 @@ def test_partial_weights_begin_a_larger_network(tmp_path: Path) -> None:
 def test_nothing_to_train_on(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match="no pairs"):
         train(RECIPE, tmp_path, data=Planes(0))
+
+
+@pytest.fixture
+def stopped(tmp_path):
+    """A run of which two of three steps are done."""
+    recipe = replace(RECIPE, steps=3, checkpoint_every=2)
+
+    class Stopped(Exception):
+        pass
+
+    def stop(run):
+        raise Stopped
+
+    with pytest.MonkeyPatch.context() as patch:
+        update = loop._Run._update
+        patch.setattr(loop._Run, "_update", lambda run, batch: stop(run) if run.step == 2 else update(run, batch))
+        with pytest.raises(Stopped):
+            train(recipe, tmp_path, data=Planes(10))
+    assert torch.load(tmp_path / CHECKPOINT, weights_only=True)["step"] == 2
+    return recipe, tmp_path
+
+
+def _damaged(content: bytes) -> dict[str, bytes]:
+    def saved(value) -> bytes:
+        buffer = io.BytesIO()
+        torch.save(value, buffer)
+        return buffer.getvalue()
+
+    state = torch.load(io.BytesIO(content), weights_only=True)
+    return {
+        "empty": b"",
+        "truncated": content[: len(content) // 2],
+        "text": b"text",
+        "list": saved([1]),
+        "lacking": saved({"step": 1}),
+        "negative": saved({**state, "step": -1}),
+        "beyond": saved({**state, "step": 10**6}),
+        "no number": saved({**state, "step": "2"}),
+        "other weights": saved({**state, "model": {}}),
+        "other optimizer": saved({**state, "optimizer": {"state": {}, "param_groups": []}}),
+        "code": saved(os.system),
+    }
+
+
+def test_a_damaged_checkpoint_is_told_on_resuming(stopped):
+    recipe, out = stopped
+    damaged = _damaged((out / CHECKPOINT).read_bytes())
+    for name, content in damaged.items():
+        (out / CHECKPOINT).write_bytes(content)
+        with pytest.raises(AnyNetError, match=r"checkpoint\.pt: [^\n]+$") as caught:
+            train(recipe, out, resume=True, data=Planes(10))
+        assert str(out) in str(caught.value), name
+    (out / CHECKPOINT).unlink()
+    os.mkfifo(out / CHECKPOINT)
+    with pytest.raises(AnyNetError, match="expected a file, got a pipe"):
+        train(recipe, out, resume=True, data=Planes(10))
+
+
+def test_what_a_killed_run_left_is_removed_and_a_damaged_log_goes_on(stopped):
+    recipe, out = stopped
+    (out / ".checkpoint.pt.0123abcd.part").write_bytes(b"half")
+    (out / LOG).write_bytes((out / LOG).read_bytes() + b'\xff\0{"step"\n[]\n{}\n{"step": null}\n{"step": 1')
+    train(recipe, out, resume=True, data=Planes(10))
+    assert list(out.glob(".*.part")) == []
+    assert [line["step"] for line in log_lines(out)] == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    "content", [b"{", b"[]", b"\xff\xfe", b"[" * 5000, b'{"network": 3}', b'{"batch_size": "many"}']
+)
+def test_a_broken_recipe_is_told_on_resuming(tmp_path, capsys, content):
+    (tmp_path / "recipe.json").write_bytes(content)
+    assert cli.main(["train", "--out", str(tmp_path), "--data", "render:2", "--resume"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("anynet: ")
+    assert "recipe.json" in line
+    with pytest.raises(AnyNetError, match=r"recipe\.json"):
+        train(RECIPE, tmp_path, resume=True, data=Planes(2))

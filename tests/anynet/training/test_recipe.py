@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import pytest
 
 from anynet import AnyNetConfig
+from anynet.cli import main
 from anynet.errors import AnyNetError
 from anynet.training.recipe import PRESETS, Recipe, preset
 
@@ -92,3 +94,38 @@ def test_resuming_may_change_how_to_run_but_not_what_to_learn() -> None:
     before.check_resumed(replace(before, workers=3, threads=1, log_every=1))
     with pytest.raises(AnyNetError, match="steps was 10 when the run began, so it cannot be 20"):
         before.check_resumed(replace(before, steps=20))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("threads", 10**6, "threads: expected 1 to 256, got 1000000"),
+        ("workers", 10**6, "workers: expected 0 to 256, got 1000000"),
+        ("workers", -1, "workers: expected 0 to 256, got -1"),
+        ("threads", 1.5, r"threads: expected int \| None, got 1.5"),
+        ("batch_size", "6", "batch_size: expected int, got '6'"),
+        ("batch_size", True, "batch_size: expected int, got True"),
+        ("amp", 1, "amp: expected bool, got 1"),
+        ("crop_size", (64,), r"crop_size: expected tuple\[int, int\], got \(64,\)"),
+        ("stage_weights", ("a",), r"stage_weights: expected tuple\[float, ...\], got \('a',\)"),
+        ("data", "kitti2015:a", r"data: expected tuple\[str, ...\], got 'kitti2015:a'"),
+        ("learning_rate", None, "learning_rate: expected float, got None"),
+        ("network", {}, r"network: expected AnyNetConfig, got \{\}"),
+        ("milestone", float("nan"), "milestone: expected 0 to 1, got nan"),
+        ("seed", -1, "seed: expected 0 to"),
+    ],
+)
+def test_options_of_the_wrong_type_or_size(tmp_path, name, value, message):
+    with pytest.raises(AnyNetError, match=message):
+        Recipe(**{name: value})
+    if isinstance(value, (int, float, str, type(None))) and value == value:  # also from a file
+        stored = {**json.loads(Recipe().to_json()), name: value}
+        (tmp_path / "recipe.json").write_text(json.dumps(stored))
+        with pytest.raises(AnyNetError, match=rf"recipe\.json: expected a recipe of this version.*{message}"):
+            Recipe.load(tmp_path / "recipe.json")
+
+
+@pytest.mark.parametrize("value", ["channels=" + "[" * 5000, "channels=" + "9" * 5000, "channels", "channels=x"])
+def test_a_network_option_that_cannot_be_parsed(capsys, tmp_path, value):
+    assert main(["train", "--out", str(tmp_path), "--data", "render:1", "--network", value]) == 2
+    assert "--network: expected " in capsys.readouterr().err

@@ -1,0 +1,193 @@
+from __future__ import annotations
+
+from dataclasses import astuple
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from anynet.errors import AnyNetError
+from anynet.io import Calibration, read_calibration, read_disparity
+
+SHARED = Path(__file__).parents[3] / ".." / "shared" / "data"
+needs_shared = pytest.mark.skipif(not SHARED.exists(), reason="the real pairs are not in ../shared/data")
+
+MIDDLEBURY = "cam0=[1000 0 300; 0 1000 250; 0 0 1]\ncam1=[1000 0 330; 0 1000 250; 0 0 1]\ndoffs=30\nbaseline=200\n"
+KITTI = "P2: 700 0 600 35 0 700 170 0 0 0 1 0\nP3: 700 0 600 -343 0 700 170 0 0 0 1 0\n"
+
+
+def file(folder: Path, text: str) -> Path:
+    path = folder / "calib.txt"
+    path.write_text(text)
+    return path
+
+
+def opencv(folder: Path, **matrices: object) -> Path:
+    path = folder / "calib.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in matrices.items():
+        storage.write(name, np.array(value, float))
+    storage.release()
+    return path
+
+
+def camera(focal: float, cx: float, cy: float, shift: float = 0) -> np.ndarray:
+    return np.array([[focal, 0, cx, focal * shift], [0, focal, cy, 0], [0, 0, 1, 0]], float)
+
+
+def test_depth() -> None:
+    calibration = Calibration(focal=100, baseline=0.5, doffs=2)
+    disparity = np.array([[3, 0, -2, -5, np.nan]], np.float32)
+    depth = calibration.depth(disparity)
+    assert depth.dtype == np.float32
+    np.testing.assert_array_equal(depth, np.array([[10, 25, np.nan, np.nan, np.nan]], np.float32))
+
+
+def test_points() -> None:
+    depth = np.array([[2, 2, 2], [4, 4, np.nan]], np.float32)
+    points = Calibration(focal=2, baseline=1, cx=1, cy=0).points(depth)
+    assert points.dtype == np.float32
+    np.testing.assert_array_equal(points[0], [[-1, 0, 2], [0, 0, 2], [1, 0, 2]])
+    np.testing.assert_array_equal(points[1, :2], [[-2, 2, 4], [0, 2, 4]])
+    assert np.isnan(points[1, 2, 2])
+    centred = Calibration(focal=2, baseline=1).points(depth)
+    np.testing.assert_array_equal(centred[0, 1], [0, -0.5, 2])
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"focal": 0.0, "baseline": 1.0}, "expected focal > 0, got 0"),
+        ({"focal": 1.0, "baseline": -0.5}, "expected baseline > 0, got -0.5"),
+        ({"focal": float("nan"), "baseline": 1.0}, "expected focal > 0, got nan"),
+        ({"focal": 1.0, "baseline": 1.0, "cx": float("inf")}, "expected a finite cx, got inf"),
+    ],
+)
+def test_impossible_values(values: dict[str, float], message: str) -> None:
+    with pytest.raises(AnyNetError, match=message):
+        Calibration(**values)
+
+
+def test_middlebury(tmp_path: Path) -> None:
+    calibration = read_calibration(file(tmp_path, MIDDLEBURY + "width=640\nheight=480\n"))
+    assert calibration == Calibration(1000, 0.2, 300, 250, 30, (640, 480))  # the file has millimetres
+
+
+def test_kitti_object_and_raw(tmp_path: Path) -> None:
+    expected = Calibration(700, 0.54, 600, 170, 0)
+    assert read_calibration(file(tmp_path, KITTI)) == expected
+    raw = "calib_time: 09-Jan-2012 14:00:15\nS_rect_02: 1.242e+03 3.75e+02\n" + KITTI.replace("P", "P_rect_0")
+    calibration = read_calibration(file(tmp_path, raw))
+    assert calibration == Calibration(700, 0.54, 600, 170, 0, (1242, 375))
+
+
+def test_kitti_grey_pair(tmp_path: Path) -> None:
+    grey = KITTI.replace("P2", "P0").replace("P3", "P1")
+    assert read_calibration(file(tmp_path, grey)) == read_calibration(file(tmp_path, KITTI))
+    colour_wins = grey.replace("700", "500") + KITTI
+    assert read_calibration(file(tmp_path, colour_wins)).focal == 700
+
+
+def test_opencv_q_is_that_of_stereo_rectify(tmp_path: Path) -> None:
+    """From OpenCV's own calculation, for cameras with different principal points."""
+    left, right = (camera(500, cx, 240)[:, :3] for cx in (320, 335))
+    *_, q, _, _ = cv2.stereoRectify(
+        left, np.zeros(5), right, np.zeros(5), (640, 480), np.eye(3), np.array([[-0.12], [0], [0]]), flags=0
+    )
+    calibration = read_calibration(opencv(tmp_path, Q=q))
+    disparity = np.array([[10, 40]], np.float32)
+    expected = cv2.reprojectImageTo3D(disparity, q)
+    depth = calibration.depth(disparity)
+    np.testing.assert_allclose(depth, expected[..., 2], rtol=1e-5)
+    np.testing.assert_allclose(calibration.points(depth), expected, rtol=1e-4)
+    assert calibration.baseline == pytest.approx(0.12)
+    assert calibration.doffs != 0
+
+
+@pytest.mark.parametrize(
+    "matrices",
+    [
+        {"P1": camera(500, 320, 240), "P2": camera(500, 335, 240, -0.12)},
+        {"K1": camera(500, 320, 240)[:, :3], "K2": camera(500, 335, 240)[:, :3], "T": [[-0.12], [0], [0]]},
+        {"M1": camera(500, 320, 240)[:, :3], "M2": camera(500, 335, 240)[:, :3], "T": [[-0.12], [0], [0]]},
+    ],
+)
+def test_opencv_matrices(tmp_path: Path, matrices: dict[str, object]) -> None:
+    calibration = read_calibration(opencv(tmp_path, **matrices))
+    assert astuple(calibration) == (500, pytest.approx(0.12), 320, 240, 15, None)
+
+
+def test_opencv_one_camera_matrix(tmp_path: Path) -> None:
+    calibration = read_calibration(opencv(tmp_path, K=camera(500, 320, 240)[:, :3], T=[-0.12, 0, 0]))
+    assert astuple(calibration) == (500, pytest.approx(0.12), 320, 240, 0, None)
+
+
+@pytest.mark.parametrize("field", ["baseline", "doffs"])
+def test_middlebury_lacks_a_field(tmp_path: Path, field: str) -> None:
+    lines = [line for line in MIDDLEBURY.splitlines() if not line.startswith(field)]
+    with pytest.raises(AnyNetError, match=rf"calib\.txt: the calibration lacks {field}$"):
+        read_calibration(file(tmp_path, "\n".join(lines)))
+
+
+@pytest.mark.parametrize(("text", "field"), [(KITTI.split("P3")[0], "P3"), ("P3" + KITTI.split("P3")[1], "P2")])
+def test_kitti_lacks_a_field(tmp_path: Path, text: str, field: str) -> None:
+    with pytest.raises(AnyNetError, match=rf"the calibration lacks {field}$"):
+        read_calibration(file(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("matrices", "message"),
+    [
+        ({"P1": camera(500, 320, 240)}, "lacks P2"),
+        ({"K": np.eye(3)}, "lacks T"),
+        ({"T": np.zeros(3)}, "lacks Q, P1 and P2, or K and T; it has T"),
+        ({"Q": np.eye(3)}, "expected Q to be a matrix of 4 x 4"),
+        ({"Q": np.zeros((4, 4))}, "expected Q\\[3, 2\\]"),
+    ],
+)
+def test_opencv_lacks_a_field(tmp_path: Path, matrices: dict[str, object], message: str) -> None:
+    with pytest.raises(AnyNetError, match=rf"calib\.yml: .*{message}"):
+        read_calibration(opencv(tmp_path, **matrices))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected a calibration of KITTI, Middlebury or OpenCV"),
+        ("hello", "expected a calibration of KITTI, Middlebury or OpenCV"),
+        (MIDDLEBURY.replace("200", "wide"), "expected baseline to be 1 numbers, got 'wide'"),
+        (MIDDLEBURY.replace("0 1000 250", "0 900 250"), "expected square pixels, got focal lengths 1000 and 900"),
+        (MIDDLEBURY.replace("200", "-200"), "expected baseline > 0"),
+        (KITTI.replace("600 35 0", "600 35"), "expected P2 to be 12 numbers, got 11"),
+        ("%YAML:1.0\n---\n[broken: {", "not readable by OpenCV"),
+    ],
+)
+def test_damaged_files(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(AnyNetError, match=rf"calib\.txt: .*{message}"):
+        read_calibration(file(tmp_path, text))
+
+
+def test_missing_file(tmp_path: Path) -> None:
+    with pytest.raises(AnyNetError, match=r"cannot read .*: No such file"):
+        read_calibration(tmp_path / "calib.txt")
+
+
+@needs_shared
+def test_real_files() -> None:
+    middlebury = read_calibration(SHARED / "middlebury2014Q/Motorcycle/calib.txt")
+    assert middlebury == Calibration(999.421, 0.193001, 294.182, 252.932, 32.778, (741, 497))
+    eth3d = read_calibration(SHARED / "eth3d/playground/calib.txt")
+    assert eth3d.baseline == pytest.approx(0.0595549)
+    raw = read_calibration(SHARED / "kitti2015/training/calib_cam_to_cam/000002.txt")
+    assert raw.size == (1242, 375)
+    assert raw.baseline == pytest.approx(0.54, abs=0.01)
+
+
+@needs_shared
+def test_kitti_object_depth() -> None:
+    """Where disparity comes from depth, depth must come from disparity."""
+    calibration = read_calibration(SHARED / "kitti_object/calib/000001.txt")
+    depth = read_disparity(SHARED / "kitti_object/gt_depth_map/000001.png")  # the same format, in metres
+    disparity = 721.5377 * (44.85728 + 339.5242) / 721.5377 / depth
+    np.testing.assert_allclose(calibration.depth(disparity.astype(np.float32)), depth, rtol=1e-5)
