@@ -41,7 +41,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SHELL = ("", "sh", "bash")
 OTHERS = ("text", "json", "toml", "yaml", "cpp", "csv")
-PROGRAMS = ("anynet", "cmake", "compute-sanitizer", "cuda_check", "pip", "pytest", "python", "torchrun")
+PROGRAMS = (
+    "anynet", "cmake", "compute-sanitizer", "ctest", "mkdocs", "mypy", "pip", "pytest", "python", "ruff", "torchrun",
+)  # fmt: skip
+SCRIPTS = ("build/gpu/tests/cuda/cuda_check", ".ci/wheels")  # called by their paths
 CALIBRATION = "cam0=[100 0 32; 0 100 24; 0 0 1]\nbaseline=120\ndoffs=0\nwidth=64\nheight=48\n"
 Call = list[str]
 
@@ -140,13 +143,11 @@ def test_python(block: Block, folder: Path, runs: None, one_step: list[Recipe]) 
 def record(blocks: Sequence[Block], folder: Path) -> list[tuple[Block, Call]]:
     """The programs that bash calls in the blocks, with their arguments."""
     stubs, calls = folder / ".stubs", folder / ".calls"
-    (folder / "build/gpu/tests/cuda").mkdir(parents=True)
-    stubs.mkdir()
     calls.touch()
-    for program in PROGRAMS:
-        place = folder / "build/gpu/tests/cuda" if program == "cuda_check" else stubs
-        (place / program).write_text(f"#!/bin/sh\nprintf '%s\\037' {program} \"$@\" >>'{calls}'; echo >>'{calls}'\n")
-        (place / program).chmod(0o755)
+    for stub in (*(stubs / program for program in PROGRAMS), *(folder / script for script in SCRIPTS)):
+        stub.parent.mkdir(parents=True, exist_ok=True)
+        stub.write_text(f"#!/bin/sh\nprintf '%s\\037' {stub.name} \"$@\" >>'{calls}'; echo >>'{calls}'\n")
+        stub.chmod(0o755)
     environment = {**os.environ, "PATH": f"{stubs}:{os.environ['PATH']}"}
     found: list[tuple[Block, Call]] = []
     before = ""
