@@ -1,7 +1,7 @@
 """Every code block of README.md and docs/*.md works as pasted.
 
 * Blocks fenced as `python` are run, each as a script of its own, in a folder with `left.png`, `right.png`,
-  `image_2/`, `image_3/`, `calib.txt` and, for docs/training.md, the weights of the runs that it tells of.
+  `image_2/`, `image_3/`, `calib.txt` and, for docs/weights.md, the weights of the runs that it lists.
   Training ends after one step of one small crop.
 * All other blocks, indented or fenced as `sh`, are run by bash, those of a file one after the other, with recorders in
   place of the programs. `anynet predict`, `demo`, `info` and `--help` are then run; all other recorded calls are parsed
