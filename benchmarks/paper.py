@@ -65,9 +65,9 @@ class Published:
 
 # D1 in % over all pixels, of networks at the size that their authors chose.
 ERRORS = {
-    "psmnet": Published(2.32, "KITTI 2015 test set, Chang and Chen 2018, Table 4"),
-    "stereonet-8x": Published(4.83, "KITTI 2015 test set, Khamis et al. 2018, Table 3"),
-    "dispnetc": Published(4.34, "KITTI 2015 test set, Mayer et al. 2016, Table 3"),
+    "psmnet": Published(2.32, "KITTI 2015 test set, PSMNet in the benchmark's list"),
+    "stereonet-8x": Published(4.83, "KITTI 2015 test set, StereoNet in the benchmark's list"),
+    "dispnetc": Published(4.34, "KITTI 2015 test set, DispNetC in the benchmark's list"),
     "resnet18-2d": Published(9.8, "KITTI 2015, its 200 training pairs at 513x257, stereoDNN/README of NVIDIA redtail"),
     "nvtiny": Published(11.12, "KITTI 2015, its 200 training pairs at 513x161, stereoDNN/README of NVIDIA redtail"),
 }
@@ -503,8 +503,8 @@ def fig6(work: Work) -> None:
             )
             anytime.append(_anytime_row(axes[1][column], spec, label, cascade(cut)))
         for model, ms in crosses.items():
-            published = ERRORS.get(model)
-            if published is not None and kind_of(spec) == "kitti2015":
+            published = ERRORS.get(model) if kind_of(spec) == "kitti2015" else None
+            if published is not None:
                 axes[0][column].plot(ms, published.value, "x", label=f"{model} at full size, published")
             quoted = "" if published is None else f"{published.value} (published: {published.source})"
             lines.append(f"| {_name(spec)} | {model} at full size, random weights | {ms:.0f} | {quoted} |")

@@ -5,11 +5,12 @@ from __future__ import annotations
 import ctypes
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from time import perf_counter
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,9 +18,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from anynet.checkpoint import load_checkpoint
+from anynet.checkpoint import PACKAGED, find_weights, load_checkpoint
 from anynet.errors import AnyNetError
-from anynet.model.deploy import DeployedAnyNet
+from anynet.model.confidence import HIDDEN, ConfidenceModel, gather_evidence, view_difference
+from anynet.model.deploy import DeployedAnyNet, StageResult, sum_at
 from anynet.scheduler import MAX_THREADS, LatencyTable
 from anynet.shutdown import computing
 
@@ -34,11 +36,16 @@ class Estimate:
         stage: 1, the coarsest, to the number of stages, 4 for all packaged weights.
         disparity: [H, W] float32, in pixels of the input: left pixel (y, x) is right pixel (y, x - d).
         elapsed_ms: milliseconds from the start of the frame until this estimate was there.
+        confidence: [H, W] float32, the probability that the disparity is less than 3 pixels or 5 % off; None unless
+            asked for.
+        occluded: [H, W] bool, what the other camera does not see; None unless asked for, with the confidence.
     """
 
     stage: int
     disparity: NDArray[np.float32]
     elapsed_ms: float
+    confidence: NDArray[np.float32] | None = field(default=None, kw_only=True)
+    occluded: NDArray[np.bool_] | None = field(default=None, kw_only=True)
 
 
 class Predictor:
@@ -64,45 +71,67 @@ class Predictor:
         if threads is not None and (type(threads) is not int or not 1 <= threads <= MAX_THREADS):
             raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
         self._network = DeployedAnyNet(load_checkpoint(weights, input_scale))
+        self._weights = weights
+        self._confidence: ConfidenceModel | None = None
         self.config = self._network.config
         self.threads = threads
         self._latencies = LatencyTable(self.config.stages)
         _keep_freed_memory()
 
-    def stages(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Iterator[Estimate]:
+    def stages(
+        self,
+        left: NDArray[np.uint8],
+        right: NDArray[np.uint8],
+        *,
+        confidence: bool = False,
+        left_right: bool = False,
+        view: str = "left",
+    ) -> Iterator[Estimate]:
         """The estimates, each computed when it is asked for; `elapsed_ms` includes the caller's time in between.
 
         Args:
             left, right: a rectified pair, [H, W, 3] uint8 RGB of any size.
+            confidence: also how far to trust every pixel, and which ones the other camera does not see.
+            left_right: judge that by the other view's disparity too, for twice the time.
+            view: "left" or "right": whose disparity to give. Right pixel (y, x) is left pixel (y, x + d).
 
         Raises:
-            AnyNetError: if the images are not that.
+            AnyNetError: if an argument is not that.
         """
         start = perf_counter()
-        images = check_images(left, right)
-        return self._estimates(images, start)
+        frame = self._frame("stages", left, right, confidence, left_right, view)
+        return self._estimates(frame, start)
 
-    def _estimates(self, images: tuple[Tensor, Tensor], start: float) -> Iterator[Estimate]:
-        steps = self._steps(*images)
+    def _estimates(self, frame: _Frame, start: float) -> Iterator[Estimate]:
+        steps = frame.steps()
         for stage in range(1, self.config.stages + 1):
             with self._computing():
-                disparity = next(steps)().numpy()
-            yield Estimate(stage, disparity, 1e3 * (perf_counter() - start))
+                maps = frame.maps(stage, *next(steps))
+            yield Estimate(stage, maps.disparity, 1e3 * (perf_counter() - start), **maps.trust)
 
-    def _steps(self, left: Tensor, right: Tensor) -> Iterator[Callable[[], Tensor]]:
-        """The network's functions, of the images resized, giving disparity in their own size and pixels."""
-        zoom = self.config.zoom
-        if zoom == 1:
-            return self._network.stages(left, right)
-        height, width = left.shape[:2]
-        size = max(1, round(zoom * width)), max(1, round(zoom * height))
-        interpolation = cv2.INTER_AREA if zoom < 1 else cv2.INTER_LINEAR
-        images = (torch.from_numpy(cv2.resize(i.numpy(), size, interpolation=interpolation)) for i in (left, right))
+    def _frame(
+        self, method: str, left: Any, right: Any, confidence: object, left_right: object, view: object
+    ) -> _Frame:
+        for name, value in (("confidence", confidence), ("left_right", left_right)):
+            if not isinstance(value, bool):
+                raise AnyNetError(f"{method}: expected {name} as True or False, got {value!r}")
+        if left_right and not confidence:
+            raise AnyNetError(f"{method}: expected left_right together with confidence")
+        if view not in ("left", "right"):
+            raise AnyNetError(f"{method}: expected view as 'left' or 'right', got {view!r}")
+        images = check_images(left, right)
+        model = self._confidence_model() if confidence else None
+        return _Frame(self._network, self.config.zoom, images, model, bool(left_right), mirrored=view == "right")
 
-        def resized(step: Callable[[], Tensor]) -> Callable[[], Tensor]:
-            return lambda: torch.from_numpy(cv2.resize(step().numpy(), (width, height))).mul_(width / size[0])
-
-        return map(resized, self._network.stages(*images))
+    def _confidence_model(self) -> ConfidenceModel:
+        """Of these weights, or, uncalibrated, of the packaged ones."""
+        if self._confidence is None:
+            own = find_weights(self._weights).with_suffix(".confidence.json")
+            path = own if own.is_file() else PACKAGED / "default.confidence.json"
+            if path != own and self.config.stages != 4:
+                raise AnyNetError(f"confidence: expected {own} for a network of {self.config.stages} stages")
+            self._confidence = ConfidenceModel.read(path, self.config.stages)
+        return self._confidence
 
     def predict(
         self,
@@ -110,6 +139,10 @@ class Predictor:
         right: NDArray[np.uint8],
         budget_ms: float | None = None,
         stage: int | None = None,
+        *,
+        confidence: bool = False,
+        left_right: bool = False,
+        view: str = "left",
     ) -> Estimate:
         """The best estimate that fits.
 
@@ -118,18 +151,17 @@ class Predictor:
             budget_ms: time to keep to. A further stage is begun only if, from what frames of this size took before, it
                 will end in time. The first stage is always computed.
             stage: the last stage to compute (default: all of them).
+            confidence, left_right, view: as of `stages`.
 
         Raises:
             AnyNetError: if an argument is not that.
         """
         with computing():
-            return self._predict(left, right, budget_ms, stage)
+            start = perf_counter()
+            frame = self._frame("predict", left, right, confidence, left_right, view)
+            return self._predict(frame, budget_ms, stage, start)
 
-    def _predict(
-        self, left: NDArray[np.uint8], right: NDArray[np.uint8], budget_ms: float | None, stage: int | None
-    ) -> Estimate:
-        start = perf_counter()
-        images = check_images(left, right)
+    def _predict(self, frame: _Frame, budget_ms: float | None, stage: int | None, start: float) -> Estimate:
         if stage is None:
             stage = self.config.stages
         elif type(stage) is not int or not 1 <= stage <= self.config.stages:
@@ -138,10 +170,9 @@ class Predictor:
             budget_ms = math.inf
         elif isinstance(budget_ms, bool) or not isinstance(budget_ms, (int, float)) or not budget_ms >= 0:
             raise AnyNetError(f"predict: expected budget_ms >= 0, got {budget_ms!r}")
-        height, width = left.shape[:2]
         with self._computing() as threads:
-            latencies = self._latencies[height, width, threads]
-            steps = self._steps(*images)
+            latencies = self._latencies[frame.kind, threads]
+            steps = frame.steps()
             begin = start
             for reached, latency in enumerate(latencies.stages[:stage]):
                 elapsed = begin - start
@@ -149,16 +180,16 @@ class Predictor:
                 if reached and 1e3 * (elapsed + needed) > budget_ms:
                     latency.skipped()
                     break
-                enlarge = next(steps)
+                results = next(steps)
                 end = perf_counter()
                 latency.measured(end - begin)
                 begin = end
             else:
                 reached = stage
-            disparity = enlarge().numpy()
+            maps = frame.maps(reached, *results)
         end = perf_counter()
         latencies.enlarging.measured(end - begin)
-        return Estimate(reached, disparity, 1e3 * (end - start))
+        return Estimate(reached, maps.disparity, 1e3 * (end - start), **maps.trust)
 
     @contextmanager
     def _computing(self) -> Iterator[int]:
@@ -174,6 +205,83 @@ class Predictor:
             finally:
                 if threads != before:
                     torch.set_num_threads(before)
+
+
+@dataclass(frozen=True)
+class _Maps:
+    """A stage's results at the images' size; `trust` are the confidence and the occlusion, if asked for."""
+
+    disparity: NDArray[np.float32]
+    trust: dict[str, Any]
+
+
+class _Frame:
+    """A pair on its way through the network: resized as its weights say, and mirrored for the right view.
+
+    Of mirrored images, the right one is the left view.
+    """
+
+    def __init__(
+        self,
+        network: DeployedAnyNet,
+        zoom: float,
+        images: tuple[Tensor, Tensor],
+        model: ConfidenceModel | None,
+        left_right: bool,
+        mirrored: bool,
+    ) -> None:
+        self._network, self._model, self._left_right, self._mirrored = network, model, left_right, mirrored
+        self._zoom, self._images = zoom, images
+        self._size = images[0].shape[:2]
+
+    @property
+    def kind(self) -> Hashable:
+        """Frames of one kind take equally long."""
+        return *self._size, self._model is not None, self._left_right
+
+    def steps(self) -> Iterator[tuple[StageResult, StageResult | None]]:
+        """The stages' results; with the left-right check, of the other view besides."""
+        height, width = self._size
+        images = self._images
+        if self._zoom != 1:
+            size = max(1, round(self._zoom * width)), max(1, round(self._zoom * height))
+            interpolation = cv2.INTER_AREA if self._zoom < 1 else cv2.INTER_LINEAR
+            first, second = (cv2.resize(image.numpy(), size, interpolation=interpolation) for image in images)
+            images = torch.from_numpy(first), torch.from_numpy(second)
+        if self._mirrored:
+            images = _mirror(images)
+        self._images, self._pixel = images, width / images[0].shape[1]
+        views = [images, _mirror(images)] if self._left_right else [images]
+        for results in zip(*(self._network.stages(*view) for view in views), strict=True):
+            yield results[0], results[1] if self._left_right else None
+
+    def maps(self, stage: int, result: StageResult, other: StageResult | None) -> _Maps:
+        disparity = result()
+        trust = {}
+        if self._model is not None:
+            evidence = gather_evidence(self._network, result, *self._images, self._pixel)
+            size = self._images[0].shape[0], self._images[0].shape[1]
+            if other is None:
+                difference, hidden = None, sum_at([evidence.hidden], [evidence.scale], size)
+            else:
+                difference = view_difference(disparity, other().flip(1)).mul_(self._pixel)
+                columns = torch.arange(size[1], dtype=disparity.dtype)
+                hidden = torch.maximum(difference, (disparity - columns) * self._pixel)
+                difference = difference.abs()
+            trust["confidence"] = self._resized(self._model.probability(stage, evidence, size, difference))
+            trust["occluded"] = self._resized(hidden) > HIDDEN
+        return _Maps(self._resized(disparity, self._pixel), trust)
+
+    def _resized(self, values: Tensor, gain: float = 1.0) -> NDArray[np.float32]:
+        if values.shape != self._size:
+            height, width = self._size
+            values = torch.from_numpy(cv2.resize(values.numpy(), (width, height))).mul_(gain)
+        return (values.flip(1) if self._mirrored else values).numpy()
+
+
+def _mirror(images: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    left, right = images
+    return right.flip(1), left.flip(1)
 
 
 def check_images(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> tuple[Tensor, Tensor]:

@@ -279,7 +279,7 @@ class _Loop:
 
 def _aged(frame: _Frame, estimate: Estimate) -> Latest:
     age_ms = 1e3 * (perf_counter() - frame.submitted)
-    return Latest(estimate.stage, estimate.disparity, estimate.elapsed_ms, frame.number, frame.stamp, age_ms)
+    return Latest(**vars(estimate), frame=frame.number, stamp=frame.stamp, age_ms=age_ms)
 
 
 _loops: WeakSet[_Loop] = WeakSet()

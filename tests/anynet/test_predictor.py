@@ -325,3 +325,50 @@ def test_other_wrong_arguments(predictor: Predictor, weights: Path) -> None:
     with pytest.raises(AnyNetError, match="one size"):
         predictor.predict(empty, empty)
     assert isinstance(predictor.predict(*images), Estimate)
+
+
+@pytest.mark.parametrize("left_right", [False, True])
+@pytest.mark.parametrize("input_scale", [1, 0.6, 2.5])
+def test_confidence_changes_no_disparity(input_scale: float, left_right: bool) -> None:
+    predictor = Predictor(input_scale=input_scale)
+    left, right = pair(50, 90)
+    plain = list(predictor.stages(left, right))
+    judged = list(predictor.stages(left, right, confidence=True, left_right=left_right))
+    for before, after in zip(plain, judged, strict=True):
+        assert before.confidence is None
+        assert before.occluded is None
+        np.testing.assert_array_equal(before.disparity, after.disparity)
+        assert after.confidence is not None
+        assert after.occluded is not None
+        assert (after.confidence.dtype, after.confidence.shape) == (np.float32, (50, 90))
+        assert (after.occluded.dtype, after.occluded.shape) == (np.bool_, (50, 90))
+        alone = predictor.predict(left, right, stage=after.stage, confidence=True, left_right=left_right)
+        np.testing.assert_array_equal(alone.confidence, after.confidence)
+        np.testing.assert_array_equal(alone.occluded, after.occluded)
+
+
+@pytest.mark.parametrize("input_scale", [1, 0.6])
+def test_the_right_view_is_the_left_one_of_mirrored_images(input_scale: float) -> None:
+    predictor = Predictor(input_scale=input_scale)
+    left, right = pair(50, 90)
+    options = {"confidence": True, "left_right": True}
+    seen = predictor.predict(left, right, view="right", **options)
+    mirrored = predictor.predict(right[:, ::-1], left[:, ::-1], **options)
+    np.testing.assert_allclose(seen.disparity, mirrored.disparity[:, ::-1], atol=1e-3)
+    np.testing.assert_allclose(seen.confidence, mirrored.confidence[:, ::-1], atol=1e-3)
+    assert (seen.occluded == mirrored.occluded[:, ::-1]).mean() > 0.99
+    assert np.abs(np.median(predictor.predict(left, right, view="right").disparity[:, :-8]) - 4) < 1
+
+
+def test_wrong_options_of_confidence(predictor: Predictor) -> None:
+    images = pair(16, 16)
+    for method in (predictor.predict, predictor.stages):
+        for name in ("confidence", "left_right"):
+            for value in (1, "yes", None):
+                with pytest.raises(AnyNetError, match=f"expected {name} as True or False, got {value!r}"):
+                    method(*images, **{name: value})
+        with pytest.raises(AnyNetError, match="expected left_right together with confidence"):
+            method(*images, left_right=True)
+        for view in ("top", True, None):
+            with pytest.raises(AnyNetError, match=f"expected view as 'left' or 'right', got {view!r}"):
+                method(*images, view=view)

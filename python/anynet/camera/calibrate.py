@@ -127,7 +127,7 @@ def _solve_pinhole(views: Sequence[View], size: tuple[int, int], model: str) -> 
 
 def _solve_fisheye(views: Sequence[View], size: tuple[int, int]) -> list[Any]:
     points, lefts, rights = (
-        [np.asarray(getattr(view, side), np.float64)[:, None] for view in views] for side in ("points", "left", "right")
+        [np.asarray(getattr(view, side), np.float64)[None] for view in views] for side in ("points", "left", "right")
     )
     # OpenCV 4 has these in cv2.fisheye, with other values than cv2's own of the same name.
     names = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 Image = npt.NDArray[np.uint8]
 
-_MARGIN = 8  # columns more than the matched corners need
+_MARGIN = 16  # columns more than the matched corners need: they are few
 _LARGEST = 100_000
 
 
@@ -49,14 +49,27 @@ class ShiftedPredictor:
         """The predictor's."""
         return self.predictor.config
 
-    def stages(self, left: Image, right: Image) -> Iterator[Estimate]:
+    def stages(
+        self, left: Image, right: Image, *, confidence: bool = False, left_right: bool = False
+    ) -> Iterator[Estimate]:
         """As `Predictor.stages`."""
-        for estimate in self.predictor.stages(*self._moved(left, right)):
+        moved = self._moved(left, right)
+        for estimate in self.predictor.stages(*moved, confidence=confidence, left_right=left_right):
             yield self._back(estimate, left)
 
-    def predict(self, left: Image, right: Image, budget_ms: float | None = None, stage: int | None = None) -> Estimate:
+    def predict(
+        self,
+        left: Image,
+        right: Image,
+        budget_ms: float | None = None,
+        stage: int | None = None,
+        *,
+        confidence: bool = False,
+        left_right: bool = False,
+    ) -> Estimate:
         """As `Predictor.predict`."""
-        estimate = self.predictor.predict(*self._moved(left, right), budget_ms=budget_ms, stage=stage)
+        moved = self._moved(left, right)
+        estimate = self.predictor.predict(*moved, budget_ms, stage, confidence=confidence, left_right=left_right)
         return self._back(estimate, left)
 
     def _moved(self, left: Image, right: Image) -> tuple[Image, Image]:
@@ -70,9 +83,18 @@ class ShiftedPredictor:
 
     def _back(self, estimate: Estimate, left: Image) -> Estimate:
         columns = self.min_disparity
-        disparity = np.full(left.shape[:2], np.nan, np.float32)
-        disparity[:, max(0, columns) :] = estimate.disparity[:, max(0, -columns) :] + np.float32(columns)
-        return replace(estimate, disparity=disparity)
+        seen, inner = (slice(max(0, columns), None), slice(max(0, -columns), None))
+
+        def whole(values: npt.NDArray[Any], unknown: object) -> npt.NDArray[Any]:
+            out = np.full(left.shape[:2], unknown, values.dtype)
+            out[:, seen] = values[:, inner]
+            return out
+
+        disparity = whole(estimate.disparity + np.float32(columns), np.nan)
+        if estimate.confidence is None or estimate.occluded is None:
+            return replace(estimate, disparity=disparity)
+        confidence, occluded = whole(estimate.confidence, 0), whole(estimate.occluded, True)
+        return replace(estimate, disparity=disparity, confidence=confidence, occluded=occluded)
 
 
 def min_disparity(calibration: Calibration | None, matches: Matches) -> int:

@@ -21,6 +21,7 @@ Tree = dict[str, "Tree"] | list["Tree"] | str
 Matrix = npt.NDArray[np.float64]
 
 _DEEPEST = 40
+_MOST = 10_000  # numbers of a field, and fields of a file
 _YAML = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
@@ -29,7 +30,7 @@ class _Builder:
 
     def __init__(self) -> None:
         self.root: Tree | None = None
-        self._open: list[tuple[dict[str, Tree] | list[Tree], str | None]] = []
+        self._open: list[tuple[dict[str, Tree] | list[Tree], str | None, str | None]] = []
         self._key: str | None = None
 
     def add(self, node: Tree) -> None:
@@ -47,14 +48,16 @@ class _Builder:
             container[self._key] = node
             self._key = None
 
-    def begin(self, container: dict[str, Tree] | list[Tree]) -> None:
+    def begin(self, container: dict[str, Tree] | list[Tree], anchor: str | None) -> None:
         if len(self._open) == _DEEPEST:
             raise AnyNetError(f"expected at most {_DEEPEST} levels of nesting")
-        self._open.append((container, self._key))
+        self._open.append((container, self._key, anchor))
         self._key = None
 
-    def end(self) -> None:
-        container, self._key = self._open.pop()
+    def end(self, anchors: dict[str, Tree]) -> None:
+        container, self._key, anchor = self._open.pop()
+        if anchor:
+            anchors[anchor] = container  # not before, so that nothing contains itself
         self.add(container)
 
 
@@ -77,11 +80,9 @@ def yaml_documents(text: str) -> list[Tree]:
                     anchors[str(event.anchor)] = event.value
             elif isinstance(event, (yaml.MappingStartEvent, yaml.SequenceStartEvent)):
                 container: dict[str, Tree] | list[Tree] = {} if isinstance(event, yaml.MappingStartEvent) else []
-                if event.anchor:
-                    anchors[str(event.anchor)] = container
-                builder.begin(container)
+                builder.begin(container, event.anchor)
             elif isinstance(event, (yaml.MappingEndEvent, yaml.SequenceEndEvent)):
-                builder.end()
+                builder.end(anchors)
             elif isinstance(event, yaml.AliasEvent):
                 builder.add(anchors[str(event.anchor)])
             elif isinstance(event, yaml.DocumentEndEvent):
@@ -160,8 +161,8 @@ def walk(tree: Tree) -> Iterator[tuple[tuple[str, ...], Tree]]:
     """Every map's entries, with the names that lead to them, outer ones first; lists are not entered."""
     waiting: list[tuple[tuple[str, ...], Tree]] = [((), tree)]
     for visited, (path, node) in enumerate(waiting):
-        if visited == 10_000:
-            raise AnyNetError("expected at most 10000 fields")
+        if visited == _MOST:
+            raise AnyNetError(f"expected at most {_MOST} fields")
         if path:
             yield path, node
         if isinstance(node, dict) and len(path) < _DEEPEST:
@@ -186,12 +187,14 @@ def numbers(node: Tree, name: str, count: int | None = None) -> Matrix:
     """
     values: list[float] = []
     waiting = [_data(node, name)]
+    visited = 0
     while waiting:
         item = waiting.pop()
+        visited += 1
         if isinstance(item, list):
+            if len(item) + len(waiting) + visited > 2 * _MOST:
+                raise AnyNetError(f"expected {name} to be a matrix, got thousands of numbers")
             waiting.extend(reversed(item))
-            if len(waiting) + len(values) > 4_000_000:
-                raise AnyNetError(f"expected {name} to be a matrix, got millions of numbers")
         elif isinstance(item, str):
             words = re.split(r"[\s,;\[\]()]+", item)
             for word in filter(None, words):

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 COMMANDS = {
     "predict": ("predict", "Disparity, depth and point clouds from pairs of images."),
     "stream": ("stream", "The same as the frames come: cameras, videos, folders, recordings."),
+    "view": ("view", "A page in the browser: disparity, confidence and cloud, live."),
     "demo": ("demo", "Every stage on a real pair that comes along: times, errors, pictures."),
     "calibrate": ("calibrate", "A rig's calibration from pictures of a board."),
     "train": ("train", "Train a network from scratch."),

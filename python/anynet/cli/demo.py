@@ -73,6 +73,9 @@ def demo(
         float | None, typer.Option(help="Work on the images resized by this factor.", show_default="the weights'")
     ] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Open the page of `anynet view` on the pair afterwards.")
+    ] = False,
 ) -> None:
     """Every stage on one pair: a table of times and errors, a picture of the stages, a point cloud.
 
@@ -116,6 +119,11 @@ def demo(
     _print_table(sample, estimates, times)
     for file in _write(out, pair, sample, estimates, times, save_rectified):
         print(file)
+    if view:
+        from anynet.cli.view import show
+        from anynet.view import StillPair
+
+        show(StillPair(sample.name, sample.left, sample.right), prepare, weights, input_scale, threads, out)
 
 
 def _motorcycle() -> tuple[StereoSample, Calibration]:
@@ -191,6 +199,7 @@ def _write(
 ) -> list[Path]:
     """Writes the picture and, with a calibration, the point cloud; returns their names."""
     from anynet.io import write_image, write_ply
+    from anynet.trust import within_reach
     from anynet.visualize import stages_image
 
     make_folder(out)
@@ -201,7 +210,8 @@ def _write(
     if pair.calibration is not None:
         files.append(out / "cloud.ply")
         depth = pair.calibration.depth(estimates[-1].disparity)
-        write_ply(files[-1], pair.calibration.points(depth), pair.left)
+        near = within_reach(depth, pair.calibration, None)
+        write_ply(files[-1], pair.calibration.points(depth)[near], pair.left[near])
     if save_rectified:
         for name, image in (("rectified_left", pair.left), ("rectified_right", pair.right)):
             files.append(out / f"{name}.png")

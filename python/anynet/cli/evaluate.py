@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from anynet.cli.told import telling_warnings
+from anynet.cli.trust import LeftRight
 from anynet.errors import AnyNetError
 from anynet.scheduler import MAX_THREADS
 
@@ -49,6 +50,10 @@ def evaluate(
     ] = None,
     method: Annotated[list[OpenCV] | None, typer.Option(help="OpenCV's matcher beside them; repeatable.")] = None,
     region: Annotated[list[Region] | None, typer.Option(help="Pixels to count; repeatable. [default: all]")] = None,
+    confidence: Annotated[
+        bool, typer.Option("--confidence", help="How good the confidences are, instead of the disparities.")
+    ] = False,
+    left_right: LeftRight = False,
     splits: Annotated[
         bool, typer.Option("--splits", help="Each weights on its own data, in order: mean and deviation of the splits.")
     ] = False,
@@ -72,6 +77,14 @@ def evaluate(
 
     if threads is not None:
         cv2.setNumThreads(threads)
+    if left_right and not confidence:
+        raise AnyNetError("--left-right belongs to --confidence")
+    if confidence:
+        if model or method or splits:
+            raise AnyNetError("--confidence excludes --model, --method and --splits")
+        regions = [choice.value for choice in region or [Region.all]]
+        print(_confidence(data, weights or ["default"], regions, threads, input_scale, left_right, out), end="")
+        return
     methods: list[tuple[str, Method]] = []
     for name in weights or ([] if method or model else ["default"]):
         methods.append((name, open_method(name, threads=threads, input_scale=input_scale)))
@@ -115,3 +128,33 @@ def evaluate(
         write_atomically(out / "results.md", text.encode())
         write_atomically(out / "results.json", json.dumps(report.to_json(results), indent=2).encode())
     print(text, end="")
+
+
+def _confidence(
+    data: list[str],
+    weights: list[str],
+    regions: list[str],
+    threads: int | None,
+    input_scale: float | None,
+    left_right: bool,
+    out: Path | None,
+) -> str:
+    from anynet import Predictor
+    from anynet.data import open_dataset
+    from anynet.evaluation.confidence import evaluate_confidence, markdown, to_json
+    from anynet.io.files import make_folder, write_atomically
+
+    results = {}
+    predictors = {name: Predictor(name, threads=threads, input_scale=input_scale) for name in weights}
+    for spec in data:
+        samples = open_dataset(spec)
+        for name, predictor in predictors.items():
+            for region in regions:
+                scores = evaluate_confidence(predictor, samples, region, left_right=left_right)
+                results[name, spec, region] = scores
+    text = markdown(results)
+    if out is not None:
+        make_folder(out)
+        write_atomically(out / "confidence.md", text.encode())
+        write_atomically(out / "confidence.json", json.dumps(to_json(results), indent=2).encode())
+    return text

@@ -30,12 +30,14 @@ from anynet.cli.calibration import (
 from anynet.cli.pairs import Pair, find_pairs
 from anynet.cli.results import DepthFormat, Format, Writer
 from anynet.cli.told import collected_warnings
+from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
 
 if TYPE_CHECKING:
     from anynet import Estimate, Predictor
     from anynet.camera import PairPreparation, PreparedPair
+    from anynet.trust import Trust
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,9 @@ class Request:
     save_rectified: bool
     told: list[str]
     """Warnings about the calibration, which are those of every pair."""
+    trust: Trust
+    asked: dict[str, bool]
+    """Of every estimate beside the disparity."""
 
 
 def predict(
@@ -104,9 +109,11 @@ def predict(
     ] = False,
     fix_rows: FixRows = False,
     min_disparity: MinDisparity = None,
-    max_depth: Annotated[
-        float, typer.Option(help="Leave farther points (meters) out of the cloud.", show_default="none")
-    ] = float("inf"),
+    max_depth: MaxDepth = None,
+    confidence: Confidence = False,
+    left_right: LeftRight = False,
+    min_confidence: MinConfidence = 0.0,
+    drop_occluded: DropOccluded = False,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     check: Check = True,
     as_json: Annotated[
@@ -116,18 +123,20 @@ def predict(
     """Disparity, depth and point clouds from pairs of images.
 
     Writes NAME_disparity (pixels) and NAME_color.png into the folder OUT and, with a calibration, NAME_depth (meters,
-    or millimeters in a PNG) and NAME_cloud.ply. NAME is that of the left image. Raw images are rectified if the
+    or millimeters in a PNG) and NAME_cloud.ply; asked for, NAME_confidence.png (white: sure) and NAME_occluded.png
+    (white: not seen by the right camera). NAME is that of the left image. Raw images are rectified if the
     calibration is of raw cameras; the results are then in the rectified left view. NaN, in a PNG 0, is unknown.
     """
     if all_stages and budget_ms is not None:
         raise AnyNetError("--all-stages and --budget-ms exclude each other")
-    if not max_depth > 0:
+    if max_depth is not None and not max_depth > 0:
         raise AnyNetError(f"expected --max-depth > 0, got {max_depth:g}")
     pairs, alone = find_pairs(left, right)
     options = CameraOptions(tuple(calib or ()), calib_unit, calib_pair, focal, baseline, cx, cy, doffs)
 
     from anynet.camera import PairPreparation
     from anynet.camera.plausibility import reach_of
+    from anynet.trust import Trust
 
     with collected_warnings() as told:
         cameras = options.read(pairs[0].left, _size(pairs[0].left))
@@ -136,7 +145,9 @@ def predict(
         reach=reach_of(input_scale),
     )  # fmt: skip
     writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth)
-    request = Request(prepare, writer, budget_ms, stage, all_stages, save_rectified, told)
+    trust = Trust(min_confidence, drop_occluded)
+    asked = {"confidence": confidence or left_right or trust.asked, "left_right": left_right}
+    request = Request(prepare, writer, budget_ms, stage, all_stages, save_rectified, told, trust, asked)
     for path in alone:
         print(f"anynet: {path}: no image of this name in the other folder", file=sys.stderr)
     make_folder(out)
@@ -179,11 +190,14 @@ def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, An
         prepared = request.prepare(*images)
         estimates = _estimates(predictor, prepared, request)
         last = estimates[-1]
-        disparity = prepared.known(last.disparity)
+        disparity = prepared.known(request.trust.kept(last))
         results = request.writer.of(pair.name)
         for estimate in estimates[:-1] if request.all_stages else []:
-            results.write_disparity(f"stage{estimate.stage}_", prepared.known(estimate.disparity), limits_of(disparity))
+            results.write_disparity(
+                f"stage{estimate.stage}_", prepared.known(request.trust.kept(estimate)), limits_of(disparity)
+            )
         results.write_disparity("", disparity, limits_of(disparity))
+        results.write_trust(last)
         if prepared.calibration is not None:
             results.write_depth(disparity, prepared.calibration, prepared.left)
         if request.save_rectified:
@@ -208,9 +222,9 @@ def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, An
 def _estimates(predictor: Predictor, pair: PreparedPair, request: Request) -> list[Estimate]:
     fitting = pair.predictor(predictor)
     if request.budget_ms is not None:
-        return [fitting.predict(pair.left, pair.right, budget_ms=request.budget_ms, stage=request.stage)]
+        return [fitting.predict(pair.left, pair.right, request.budget_ms, request.stage, **request.asked)]
     estimates = []
-    for estimate in fitting.stages(pair.left, pair.right):
+    for estimate in fitting.stages(pair.left, pair.right, **request.asked):
         estimates.append(estimate)
         if estimate.stage == request.stage:
             break

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
+    from anynet import Estimate
     from anynet.camera import Calibration
 
 Image = npt.NDArray[np.uint8]
@@ -41,7 +42,8 @@ class Writer:
     out: Path
     format: Format = Format.png
     depth_formats: tuple[DepthFormat, ...] = (DepthFormat.tiff,)
-    max_depth: float = float("inf")
+    max_depth: float | None = None
+    """Meters; None: what half a pixel of error still tells to 20 %."""
 
     def of(self, name: str) -> Results:
         """For the pair of that name."""
@@ -78,6 +80,7 @@ class Results:
     def write_depth(self, disparity: Map, calibration: Calibration, left: Image) -> None:
         """Depth maps and the point cloud."""
         from anynet.io import write_depth, write_ply
+        from anynet.trust import within_reach
 
         depth = calibration.depth(disparity)
         if not np.isfinite(depth).any():
@@ -89,8 +92,17 @@ class Results:
         for number, chosen in enumerate(dict.fromkeys(self.writer.depth_formats)):
             path = self._path("depth" if number == 0 else f"depth_{chosen.value}", chosen.value, "depth")
             write_depth(path, depth)
-        near = depth <= self.writer.max_depth
+        near = within_reach(depth, calibration, self.writer.max_depth)
         write_ply(self._path("cloud", "ply"), calibration.points(depth)[near], left[near])
+
+    def write_trust(self, estimate: Estimate) -> None:
+        """Pictures of the confidence (white: 1) and of what the right camera does not see (white)."""
+        from anynet.io import write_image
+
+        if estimate.confidence is not None and estimate.occluded is not None:
+            for kind, values in (("confidence", estimate.confidence), ("occluded", estimate.occluded)):
+                gray = np.round(np.asarray(values, np.float32) * 255).astype(np.uint8)
+                write_image(self._path(kind, "png"), np.repeat(gray[..., None], 3, axis=2))
 
     def write_images(self, left: Image, right: Image) -> None:
         """The rectified images."""

@@ -36,6 +36,7 @@ from anynet.cli.calibration import (
 from anynet.cli.results import DepthFormat, Format, Writer
 from anynet.cli.sources import open_source, size_of
 from anynet.cli.told import collected_warnings
+from anynet.cli.trust import MaxDepth
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
 
@@ -122,9 +123,7 @@ def stream(
     alpha: Alpha = None,
     fix_rows: FixRows = False,
     min_disparity: MinDisparity = None,
-    max_depth: Annotated[
-        float, typer.Option(help="Leave farther points (meters) out of the cloud.", show_default="none")
-    ] = float("inf"),
+    max_depth: MaxDepth = None,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     check: Check = True,
     as_json: Annotated[
@@ -136,7 +135,7 @@ def stream(
     While a frame is computed, newer ones replace each other; a frame that has its first estimate makes way for a newer
     one. Ctrl-C or SIGTERM ends the stream and completes what is written.
     """
-    if not max_depth > 0:
+    if max_depth is not None and not max_depth > 0:
         raise AnyNetError(f"expected --max-depth > 0, got {max_depth:g}")
     named = (topics or ()) if topic is None else (topic,)
     camera_options = CameraOptions(tuple(calib or ()), calib_unit, calib_pair, focal, baseline, cx, cy, doffs)

@@ -32,6 +32,13 @@ def d1(prediction: Disparity, truth: Disparity, mask: Mask) -> float:
     return scores(prediction, truth, mask).d1
 
 
+def within_d1(prediction: Disparity, truth: Disparity) -> Mask:
+    """Whether each disparity is right by D1's measure: off by at most 3 pixels or 5 % of the truth."""
+    error = np.abs(prediction - truth)
+    result: Mask = (error <= 3) | (error <= 0.05 * truth)
+    return result
+
+
 @dataclass(frozen=True)
 class Scores:
     """Every metric at once: `epe` in pixels, the others in %; `pixels` counted."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -82,3 +83,23 @@ def begin_undecided(network: nn.Sequential) -> None:
     last = network[-1]
     assert isinstance(last, PreActivation)
     last.conv.weight.mul_(0.1)
+
+
+class Distribution(NamedTuple):
+    """What a deployed stage's softmax weighs: costs [1, D, h, w] of the values first, first + 1, ..., and offsets."""
+
+    cost: Tensor
+    first: int
+    offsets: Tensor | None = None
+
+    def deviation(self) -> Tensor:
+        """Standard deviation [h, w], in pixels of the stage's features."""
+        weight = (-self.cost[0]).softmax(0)
+        extra = 0 if self.offsets is None else self.offsets.shape[1]
+        count = len(weight) - extra
+        values = torch.arange(self.first, self.first + count, dtype=weight.dtype)
+        mean, square = (torch.stack([values, values**2]) @ weight[:count].flatten(1)).view(2, *weight.shape[1:])
+        if self.offsets is not None:
+            mean = mean + (weight[count:] * self.offsets[0]).sum(0)
+            square = square + (weight[count:] * self.offsets[0] ** 2).sum(0)
+        return (square - mean**2).clamp_(min=0).sqrt_()

@@ -2,15 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 import torch
 from torch import Tensor, nn
 
 from anynet.model.anynet import AnyNet
+from anynet.model.cost_volume import Distribution
 
 _ops = torch.ops.anynet
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """What a stage has found, still small; calling it gives the disparity [H, W].
+
+    Attributes:
+        maps, scales: the disparity is their sum, in pixels of the images; and pixels of the images per pixel of each.
+        size: H, W.
+        spread: of a stage that has one, its distribution, and pixels of the images per pixel of it.
+        before: the stage before.
+    """
+
+    maps: list[Tensor]
+    scales: list[int]
+    size: Sequence[int]
+    spread: tuple[Distribution, int] | None
+    before: StageResult | None
+
+    def __call__(self) -> Tensor:
+        return self.at(1, self.size)
+
+    def at(self, scale: int, size: Sequence[int]) -> Tensor:
+        """The disparity, in pixels of the images, at a resolution of one pixel per `scale` of theirs."""
+        return sum_at(self.maps, [s // scale for s in self.scales], size)
 
 
 class DeployedAnyNet(nn.Module):
@@ -38,40 +65,40 @@ class DeployedAnyNet(nn.Module):
         """The first `stages` disparity maps (default: all), [H, W] each, of uint8 RGB images [H, W, 3]."""
         return [enlarge() for enlarge in islice(self.stages(left, right), stages)]
 
-    def stages(self, left: Tensor, right: Tensor) -> Iterator[Callable[[], Tensor]]:
-        """One function per stage, each giving that stage's full-size disparity [H, W].
+    def stages(self, left: Tensor, right: Tensor) -> Iterator[StageResult]:
+        """One result per stage, each giving that stage's full-size disparity [H, W] when called.
 
-        Iterating computes a stage at low resolution; only calling the function enlarges its result.
+        Iterating computes a stage at low resolution; only calling the result enlarges it.
 
         Args:
             left, right: uint8 RGB, [H, W, 3], contiguous.
         """
         size = left.shape[:2]
-
-        def enlarge(maps: list[Tensor], scales: list[int]) -> Callable[[], Tensor]:
-            return lambda: _sum_at(maps, scales, size)
-
         skips = self.features.encode(left, right)
         finer = skips[-2]
         levels = self.features.decode(skips)
         scale = self.config.stride
-        maps: list[Tensor] = [self.first_stage(next(levels), finer)[0, 0].mul_(scale)]  # in pixels of the images
+        disparity, distribution = self.first_stage(next(levels), finer)
+        maps: list[Tensor] = [disparity[0, 0].mul_(scale)]  # in pixels of the images
         scales: list[int] = [scale]  # pixels of the images per pixel of the map
-        yield enlarge(maps, scales)
+        result = StageResult(maps, scales, size, (distribution, scale), None)
+        yield result
         for stage, features in zip(self.residual_stages, levels, strict=True):
             scale //= 2
-            disparity = _sum_at(maps, [s // scale for s in scales], features.shape[2:], 1 / scale)
-            update = stage(features, disparity[None, None])[0, 0].mul_(scale)
+            disparity = sum_at(maps, [s // scale for s in scales], features.shape[2:], 1 / scale)
+            update, distribution = stage(features, disparity[None, None])
+            update = update[0, 0].mul_(scale)
             maps, scales = ([update], [scale]) if stage.replaces else ([*maps, update], [*scales, scale])
-            yield enlarge(maps, scales)
+            result = StageResult(maps, scales, size, (distribution, scale), result)
+            yield result
         disparity = _blur(maps[-1], scale)
         if len(maps) > 1:
-            disparity += _sum_at(maps[:-1], [s // scale for s in scales[:-1]], disparity.shape)
+            disparity += sum_at(maps[:-1], [s // scale for s in scales[:-1]], disparity.shape)
         refined = self.refinement(left, right, disparity[None, None])[0, 0]
-        yield enlarge([refined], [scale * disparity.shape[1] // refined.shape[1]])
+        yield StageResult([refined], [scale * disparity.shape[1] // refined.shape[1]], size, None, result)
 
 
-def _sum_at(maps: list[Tensor], ratios: list[int], size: Sequence[int], gain: float = 1.0) -> Tensor:
+def sum_at(maps: list[Tensor], ratios: list[int], size: Sequence[int], gain: float = 1.0) -> Tensor:
     """[h, w]: the sum of the maps, each enlarged by its ratio."""
     out: Tensor = _ops.upsample_sum.default(maps, ratios, gain, *size)
     return out

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from anynet.model.config import AnyNetConfig
-from anynet.model.cost_volume import DeployedCostVolume, cost_network, group_cost_volume
+from anynet.model.cost_volume import DeployedCostVolume, Distribution, cost_network, group_cost_volume
 from anynet.model.layers import PreActivation, affine_of, deploy_chain, run
 from anynet_ext import soft_argmin
 
@@ -68,11 +68,11 @@ class DeployedFirstStage(nn.Module):
             self.fine_volume = DeployedCostVolume(stage.groups, 2 * self.first, 2 * last + 1, affine)
             self.fine_costs = stage.fine_costs.deploy(None, (scale, torch.zeros_like(shift)), relu_out=False)
 
-    def forward(self, features: Tensor, finer: Tensor) -> Tensor:
+    def forward(self, features: Tensor, finer: Tensor) -> tuple[Tensor, Distribution]:
         begin, *rest = self.layers
         x = begin(self.volume(features))
         if self.fine_costs is not None and self.fine_volume is not None:
             x.add_(self.fine_costs(self.fine_volume(finer))).relu_()
         cost = run(rest, x, features[:1])
         out: Tensor = _ops.soft_argmin.default(cost[:, 0], self.first)
-        return out
+        return out, Distribution(cost[:, 0], self.first)

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from anynet.model.config import AnyNetConfig
-from anynet.model.cost_volume import DeployedCostVolume, begin_undecided, cost_network, group_cost_volume
+from anynet.model.cost_volume import DeployedCostVolume, Distribution, begin_undecided, cost_network, group_cost_volume
 from anynet.model.layers import PreActivation, affine_of, chain, deploy_chain, run
 from anynet_ext import cost_volume, reference, soft_argmin
 
@@ -64,10 +64,10 @@ class DeployedResidualStage(nn.Module):
             for layer in self.layers:
                 layer.weight = torch.flip(layer.weight, (2,))  # type: ignore[arg-type]
 
-    def forward(self, features: Tensor, disparity: Tensor) -> Tensor:
+    def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
         cost = run(self.layers, self.volume(features, disparity))[:, 0]
         out: Tensor = _ops.soft_argmin.default(cost, self.first)
-        return out.neg_() if self.sign < 0 else out
+        return out.neg_() if self.sign < 0 else out, Distribution(cost, self.first)
 
 
 class FullRangeStage(nn.Module):
@@ -152,8 +152,8 @@ class DeployedCandidateStage(nn.Module):
         self.groups, self.range, self.radius = stage.groups, stage.range, stage.radius
         self.layers = deploy_chain(list(stage.network))
 
-    def forward(self, features: Tensor, disparity: Tensor) -> Tensor:
+    def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
         x = _ops.candidate_costs.default(features, disparity, self.groups, *self.range, self.radius)
         cost = run(self.layers, x)
         out: Tensor = _ops.expected_disparity.default(cost, disparity, x[:, -2:], self.range[0])
-        return out
+        return out, Distribution(cost, self.range[0], x[:, -2:])

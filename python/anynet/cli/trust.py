@@ -1,0 +1,28 @@
+"""Options about confidence, as several commands have them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+Confidence = Annotated[
+    bool, typer.Option("--confidence", help="How likely every pixel is right, and what the right camera does not see.")
+]
+LeftRight = Annotated[
+    bool, typer.Option("--left-right", help="Judge that by the right view's disparity too: twice the time.")
+]
+MinConfidence = Annotated[float, typer.Option(min=0, max=1, help="Disparities less likely to be right become unknown.")]
+DropOccluded = Annotated[
+    bool,
+    typer.Option(
+        "--drop-occluded", help="What the right camera does not see becomes unknown, and blurred edges with it."
+    ),
+]
+MaxDepth = Annotated[
+    float | None,
+    typer.Option(
+        help="Leave farther points (meters) out of the cloud; inf: none.",
+        show_default="what half a pixel of error still tells to 20 %",
+    ),
+]

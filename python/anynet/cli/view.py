@@ -1,0 +1,119 @@
+"""`anynet view`: a page to look at disparity, confidence and cloud, live."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from anynet.cli.calibration import (
+    Alpha,
+    Baseline,
+    Calib,
+    CalibPair,
+    CalibUnit,
+    CameraOptions,
+    Check,
+    Cx,
+    Cy,
+    Doffs,
+    FixRows,
+    Focal,
+    MinDisparity,
+    Raw,
+)  # fmt: skip
+from anynet.cli.sources import open_source, size_of
+from anynet.cli.told import collected_warnings
+
+if TYPE_CHECKING:
+    from anynet.camera import PairPreparation
+    from anynet.streams import Source
+
+Host = Annotated[str, typer.Option(help="Where the page listens; 0.0.0.0: for other machines too.")]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Of the page; the next free one is taken.")]
+
+
+def view(
+    source: Annotated[str, typer.Argument(metavar="SOURCE", help="Left image, or a source as of `anynet stream`.")],
+    right: Annotated[str | None, typer.Argument(metavar="[RIGHT]", help="The right images.")] = None,
+    split: Annotated[bool, typer.Option("--split", help="SOURCE has both images side by side, left first.")] = False,
+    rate: Annotated[float | None, typer.Option(help="Frames per second: of images (10), asked of a camera.")] = None,
+    size: Annotated[str | None, typer.Option(help="Image size that is asked of a camera, such as 1280x720.")] = None,
+    weights: Annotated[str, typer.Option(help="Chosen at first: a packaged name, or a path.")] = "default",
+    input_scale: Annotated[
+        float | None, typer.Option(help="Chosen at first: images are resized by it.", show_default="the weights'")
+    ] = None,
+    calib: Calib = None,
+    calib_unit: CalibUnit = None,
+    calib_pair: CalibPair = None,
+    focal: Focal = None,
+    baseline: Baseline = None,
+    cx: Cx = None,
+    cy: Cy = None,
+    doffs: Doffs = None,
+    raw: Raw = None,
+    alpha: Alpha = None,
+    fix_rows: FixRows = False,
+    min_disparity: MinDisparity = None,
+    out: Annotated[Path, typer.Option(help="Folder of what the page's button saves.")] = Path("anynet-view"),
+    host: Host = "127.0.0.1",
+    port: Port = 8080,
+    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
+    check: Check = True,
+) -> None:
+    """A page in the browser: images, confidence and cloud, and a slider for the time that a frame may take.
+
+    Needs viser: pip install 'anynet[view]'. Ctrl-C ends it.
+    """
+    options = CameraOptions(tuple(calib or ()), calib_unit, calib_pair, focal, baseline, cx, cy, doffs)
+
+    from anynet.camera import PairPreparation
+    from anynet.camera.plausibility import reach_of
+
+    with open_source(source, right, split=split, rate=rate, size=size_of(size)) as opened:
+        with collected_warnings() as told:
+            cameras = options.read(Path(source)) or opened.calibration
+        prepare = PairPreparation(
+            cameras, raw=raw, alpha=alpha, check=check, fix_rows=fix_rows, min_disparity=min_disparity,
+            reach=reach_of(input_scale),
+        )  # fmt: skip
+        for warning in (*opened.warnings, *told):
+            print(f"anynet: warning: {warning}", file=sys.stderr)
+        show(opened, prepare, weights, input_scale, threads, out, host, port)
+
+
+def show(
+    source: Source,
+    prepare: PairPreparation,
+    weights: str,
+    input_scale: float | None,
+    threads: int | None,
+    out: Path,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+) -> None:
+    """Serves the page until Ctrl-C or SIGTERM."""
+    from anynet.checkpoint import PACKAGED, find_weights
+    from anynet.view import View
+
+    find_weights(weights)  # a wrong name is told before the page is up
+    names = [file.stem for file in sorted(PACKAGED.glob("*.safetensors"))]
+    view = View(
+        source, prepare=prepare, weights=list(dict.fromkeys([weights, *names])), input_scale=input_scale,
+        threads=threads, host=host, port=port, out=out,
+    )  # fmt: skip
+
+    def stop(number: int, _: FrameType | None) -> None:
+        view.stop()
+        signal.signal(number, signal.SIG_DFL)
+
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, stop)
+    print(f"{view.url} (Ctrl-C ends it)", flush=True)
+    view.run()

@@ -1,0 +1,106 @@
+"""Fits the confidence model of weights, and writes it beside them as NAME.confidence.json.
+
+    anynet render --out rendered --count 64 --seed 500000
+    python recipes/confidence.py --weights default --rendered rendered --real "kitti2015:DATA/kitti2015?without=VAL.TXT"
+
+A logistic regression on pixels of rendered pairs, whose truth is dense and exact, tells what speaks for and against a
+disparity. Rendered pairs are harder than photographs, so its answer, a log-odds, is then scaled and shifted to fit
+photographs (Platt scaling: two numbers per stage).
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from anynet import load_checkpoint
+from anynet.checkpoint import find_weights
+from anynet.data import Dataset, open_dataset
+from anynet.evaluation.evaluate import region_mask
+from anynet.evaluation.metrics import within_d1
+from anynet.model.confidence import PIXEL, ConfidenceModel, gather_evidence, view_difference
+from anynet.model.deploy import DeployedAnyNet, sum_at
+
+Pixels = tuple[Tensor, Tensor]  # evidence [M, F + 1], the last of the left-right check; whether they are right [M]
+
+
+@torch.inference_mode()
+def collect(network: DeployedAnyNet, samples: Dataset, per_pair: int) -> list[Pixels]:
+    """For every stage, random pixels of all pairs."""
+    rng = np.random.default_rng(0)
+    found: list[list[Pixels]] = [[] for _ in range(network.config.stages)]
+    for sample in samples:
+        ys, xs = np.nonzero(region_mask(sample, "all"))
+        chosen = rng.permutation(len(ys))[:per_pair]
+        ys, xs = ys[chosen], xs[chosen]
+        truth = sample.disparity[ys, xs]
+        left, right = (torch.from_numpy(np.array(image)) for image in (sample.left, sample.right))
+        size = sample.disparity.shape
+        mirrored = network.stages(right.flip(1), left.flip(1))
+        for pixels, result, other in zip(found, network.stages(left, right), mirrored, strict=True):
+            disparity = result()
+            evidence = gather_evidence(network, result, left, right)
+            difference = view_difference(disparity, other().flip(1)).abs()
+            maps = [sum_at([channel], [evidence.scale], size) for channel in evidence.channels]
+            rows = torch.stack([*maps, (difference + PIXEL).log()])[:, ys, xs].T
+            right_ones = within_d1(disparity.numpy()[ys, xs], truth)
+            pixels.append((rows.double(), torch.from_numpy(right_ones).double()))
+    return [(torch.cat(rows), torch.cat(right)) for rows, right in (zip(*p, strict=True) for p in found)]
+
+
+def regress(x: Tensor, y: Tensor) -> Tensor:
+    """Coefficients [F + 1] of the logistic regression of y [M] on x [M, F], the constant last."""
+    mean, deviation = x.mean(0), x.std(0) + 1e-3
+    z = F.pad((x - mean) / deviation, (0, 1), value=1.0)
+    w = torch.zeros(z.shape[1], dtype=z.dtype, requires_grad=True)
+    optimizer = torch.optim.LBFGS([w], max_iter=200, line_search_fn="strong_wolfe")
+
+    def loss() -> Tensor:
+        optimizer.zero_grad()
+        value = F.binary_cross_entropy_with_logits(z @ w, y) + 1e-5 * w.square().sum()
+        value.backward()
+        return value
+
+    optimizer.step(loss)
+    w = w.detach()
+    slopes = w[:-1] / deviation
+    return torch.cat([slopes, (w[-1] - slopes @ mean)[None]])
+
+
+def fit(rendered: Pixels, real: Pixels, checked: bool) -> Tensor:
+    (x, y), (x_real, y_real) = rendered, real
+    if not checked:
+        x, x_real = x[:, :-1], x_real[:, :-1]
+    w = regress(x, y)
+    scale, shift = regress((x_real @ w[:-1] + w[-1])[:, None], y_real)
+    w = scale * w
+    w[-1] += shift
+    return w
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--weights", default="default")
+    parser.add_argument("--rendered", type=Path, required=True)
+    parser.add_argument("--real", required=True, help="photographs with ground truth, as `anynet evaluate --data`")
+    parser.add_argument("--per-pair", type=int, default=3000)
+    options = parser.parse_args()
+    network = DeployedAnyNet(load_checkpoint(options.weights))
+    assert network.config.zoom == 1
+    pixels = [
+        collect(network, samples, options.per_pair)
+        for samples in (open_dataset(f"rendered:{options.rendered}"), open_dataset(options.real))
+    ]
+    models = [[fit(*stage, checked) for stage in zip(*pixels, strict=True)] for checked in (False, True)]
+    path = find_weights(options.weights).with_suffix(".confidence.json")
+    ConfidenceModel(*models).write(path)
+    print(path)
+
+
+if __name__ == "__main__":
+    main()

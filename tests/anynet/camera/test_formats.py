@@ -1,0 +1,455 @@
+"""Every format of docs/calibration.md: its fields, its unit, and what is said where they are missing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from anynet.camera import Calibration, StereoRig, read_calibration
+from anynet.camera.formats import FORMATS
+from anynet.errors import AnyNetError
+
+DOCS = Path(__file__).parents[3] / "docs" / "calibration.md"
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.parent.mkdir(exist_ok=True, parents=True)
+    path.write_text(text)
+    return path
+
+
+def read_rig(*paths: Path, **options: object) -> StereoRig:
+    rig = read_calibration(paths, **options)
+    assert isinstance(rig, StereoRig)
+    return rig
+
+
+def read(*paths: Path, **options: object) -> Calibration:
+    calibration = read_calibration(paths, **options)
+    assert isinstance(calibration, Calibration)
+    return calibration
+
+
+def test_every_format_is_documented() -> None:
+    table = DOCS.read_text()
+    for entry in FORMATS:
+        assert f"| {entry.name} |" in table, entry.name
+
+
+def matrix(name: str, values: object) -> str:
+    array = np.asarray(values, float)
+    rows, columns = array.shape
+    data = ", ".join(map(str, array.ravel()))
+    return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [{data}]\n"
+
+
+K1 = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
+K2 = [[510, 0, 330], [0, 510, 235], [0, 0, 1]]
+R = cv2.Rodrigues(np.array([0.01, 0.02, -0.01]))[0]
+T = [[-0.12], [0.001], [0.002]]
+D = [[-0.2, 0.05, 0.001, -0.001, 0.0]]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("K1", "D1", "K2", "D2", "R", "T"),
+        ("M1", "D1", "M2", "D2", "R", "T"),
+        ("cameraMatrix1", "distCoeffs1", "cameraMatrix2", "distCoeffs2", "R", "T"),
+        (
+            "camera_matrix_left",
+            "dist_coeffs_left",
+            "camera_matrix_right",
+            "dist_coeffs_right",
+            "rotation",
+            "translation",
+        ),
+        ("left_K", "left_D", "right_K", "right_D", "stereo_R", "stereo_T"),
+        ("cameraMatrixL", "distCoeffsL", "cameraMatrixR", "distCoeffsR", "Rot", "Trans"),
+        ("mtxL", "distL", "mtxR", "distR", "R", "T"),
+        ("intrinsic0", "distortion0", "intrinsic1", "distortion1", "rotation_matrix", "translation_vector"),
+    ],
+)
+def test_raw_cameras_by_opencv_in_many_names(tmp_path: Path, names: tuple[str, ...]) -> None:
+    text = "%YAML:1.0\n---\n" + "".join(map(matrix, names, [K1, D, K2, D, R, T]))
+    rig = read_rig(write(tmp_path, "rig.yml", text))
+    np.testing.assert_allclose(rig.left.matrix, K1)
+    np.testing.assert_allclose(rig.right.matrix, K2)
+    np.testing.assert_allclose(rig.left.distortion, D[0])
+    np.testing.assert_allclose(rig.rotation, R, atol=1e-9)
+    np.testing.assert_allclose(rig.translation, np.ravel(T))
+
+
+def test_intrinsics_and_extrinsics_in_two_files_or_a_folder(tmp_path: Path) -> None:
+    header = "%YAML:1.0\n---\n"
+    first = write(
+        tmp_path / "c", "intrinsics.yml", header + "".join(map(matrix, ["M1", "D1", "M2", "D2"], [K1, D, K2, D]))
+    )
+    second = write(tmp_path / "c", "extrinsics.yml", header + matrix("R", R) + matrix("T", T))
+    assert read_rig(first, second).baseline == pytest.approx(0.12, abs=1e-4)
+    assert read_rig(tmp_path / "c").baseline == pytest.approx(0.12, abs=1e-4)
+    with pytest.raises(AnyNetError, match=r"unrectified cameras .* lacks R and T; give the file that has them"):
+        read_calibration(first)
+
+
+def test_left_and_right_as_maps_and_lists_in_json(tmp_path: Path) -> None:
+    rig = {"left": {"K": K1, "D": D}, "right": {"K": K2, "D": D}, "stereo": {"R": R.tolist(), "T": [-120, 1, 2]}}
+    rig["image_size"] = {"width": 640, "height": 480}  # type: ignore[assignment]
+    path = write(tmp_path, "rig.json", json.dumps(rig))
+    found = read_rig(path, unit="mm")
+    assert (found.size, found.baseline) == ((640, 480), pytest.approx(0.12, abs=1e-4))
+
+
+def test_a_file_that_tells_its_unit(tmp_path: Path) -> None:
+    rig = {"unit": "mm", "K1": K1, "K2": K1, "T": [-120, 0, 0]}
+    assert read(write(tmp_path, "rig.json", json.dumps(rig))).baseline == pytest.approx(0.12)
+
+
+def test_fisheye_by_its_name(tmp_path: Path) -> None:
+    rig = {"model": "fisheye", "K1": K1, "K2": K1, "D1": [0.1, 0, 0, 0], "D2": [0.1, 0, 0, 0], "R": np.eye(3).tolist()}
+    found = read_rig(write(tmp_path, "rig.json", json.dumps({**rig, "T": [-0.1, 0, 0], "width": 640, "height": 480})))
+    assert found.left.model == "fisheye"
+    assert found.rectify().calibration.baseline == pytest.approx(0.1)
+
+
+def test_simple_stereo(tmp_path: Path) -> None:
+    rig = {
+        "res1": [640, 480], "res2": [640, 480], "intrinsic1": K1, "intrinsic2": K2, "distCoeffs1": D, "distCoeffs2": D,
+        "R": R.tolist(), "T": T, "F": np.eye(3).tolist(), "E": np.eye(3).tolist(), "reprojectionError": 0.2,
+    }  # fmt: skip
+    found = read_rig(write(tmp_path, "rig.json", json.dumps(rig)))
+    assert (found.size, found.baseline) == ((640, 480), pytest.approx(0.12, abs=1e-4))
+
+
+@pytest.mark.parametrize(
+    "size",
+    [
+        "image_size: [640, 480]",
+        "imageSize: [640, 480]",
+        "width: 640\nheight: 480",
+        "image_width: 640\nimage_height: 480",
+        "image_shape: [480, 640]",
+        "resolution: {width: 640, height: 480}",
+        "calibration: {frame_size: [640, 480]}",
+    ],
+)
+def test_sizes(tmp_path: Path, size: str) -> None:
+    text = "%YAML:1.0\n---\nboard_size: [9, 6]\n" + matrix("K", K1) + "T: [-0.1, 0, 0]\n" + size + "\n"
+    assert read(write(tmp_path, "c.yml", text)).size == (640, 480)
+
+
+ROS = """image_width: 640
+image_height: 480
+camera_name: {name}
+camera_matrix: {{rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}}
+distortion_model: {model}
+distortion_coefficients: {{rows: 1, cols: {count}, data: [{distortion}]}}
+rectification_matrix: {{rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}}
+projection_matrix: {{rows: 3, cols: 4, data: [480, 0, 325, {along}, 0, 480, 238, 0, 0, 0, 1, 0]}}
+"""
+MESSAGE = """header:
+  stamp: {{sec: 1, nanosec: 2}}
+  frame_id: camera
+height: 480
+width: 640
+distortion_model: plumb_bob
+{d}:
+- -0.1
+- 0.0
+- 0.0
+- 0.0
+- 0.0
+{k}: [500.0, 0.0, 320.0, 0.0, 500.0, 240.0, 0.0, 0.0, 1.0]
+{r}: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+{p}: [480.0, 0.0, 325.0, {along}, 0.0, 480.0, 238.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+---
+"""
+
+
+@pytest.mark.parametrize("kind", ["file", "ros1", "ros2"])
+def test_ros(tmp_path: Path, kind: str) -> None:
+    paths = []
+    for name, along in (("left", 0.0), ("right", -48.0)):
+        if kind == "file":
+            text = ROS.format(name=name, along=along, model="plumb_bob", count=5, distortion="-0.1, 0, 0, 0, 0")
+        else:
+            letters = "dkrp" if kind == "ros2" else "DKRP"
+            text = MESSAGE.format(along=along, **dict(zip("dkrp", letters, strict=True)))
+        paths.append(write(tmp_path / "c", f"{name}.yaml", text))
+    expected = Calibration(480, 0.1, 325, 238, 0, (640, 480))
+    assert read(*paths) == read(*reversed(paths)) == read(tmp_path / "c") == expected
+    rig = read(*paths).rig
+    assert rig is not None
+    assert rig.translation == pytest.approx([-0.1, 0, 0])
+    assert read(paths[0], replace={"baseline": 0.1}) == expected
+    with pytest.raises(AnyNetError, match=r"lacks the right camera's camera_info .* give --baseline"):
+        read(paths[0])
+    with pytest.raises(AnyNetError, match="of the right camera alone"):
+        read(paths[1])
+    with pytest.raises(AnyNetError, match="was each camera calibrated alone"):
+        read(paths[0], paths[0])
+
+
+def test_ros_models(tmp_path: Path) -> None:
+    for model, distortion, kind in (
+        ("equidistant", "0.1, 0, 0, 0", "fisheye"),
+        ("rational_polynomial", "0.1, 0, 0, 0, 0, 0, 0, 0", "pinhole"),
+    ):
+        count = distortion.count(",") + 1
+        texts = [ROS.format(name="", along=x, model=model, count=count, distortion=distortion) for x in (0, -48)]
+        paths = [write(tmp_path, f"{number}.yaml", text) for number, text in enumerate(texts)]
+        rig = read(*paths).rig
+        assert rig is not None
+        assert (rig.left.model, rig.left.distortion.size) == (kind, distortion.count(",") + 1)
+    with pytest.raises(AnyNetError, match="expected cameras of the models"):
+        read(write(tmp_path, "x.yaml", ROS.format(name="x", along=0, model="omni", count=1, distortion="1")))
+
+
+KALIBR = """cam0:
+  camera_model: {model}
+  distortion_coeffs: [-0.28, 0.07, 0.0002, 0.00002]
+  distortion_model: {distortion}
+  intrinsics: [455.1, 454.3, 366.0, 247.7]
+  resolution: [752, 480]
+cam1:
+  T_cn_cnm1:
+  - [1.0, 0.0, 0.0, -0.11]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+  camera_model: {model}
+  distortion_coeffs: [-0.28, 0.07, -0.0001, 0.00003]
+  distortion_model: {distortion}
+  intrinsics: [454.6, 453.4, 378.9, 254.9]
+  resolution: [752, 480]
+"""
+
+
+def test_kalibr(tmp_path: Path) -> None:
+    rig = read_rig(write(tmp_path, "camchain.yaml", KALIBR.format(model="pinhole", distortion="radtan")))
+    assert (rig.size, rig.left.model, rig.baseline) == ((752, 480), "pinhole", pytest.approx(0.11))
+    rig = read_rig(write(tmp_path, "camchain.yaml", KALIBR.format(model="pinhole", distortion="equidistant")))
+    assert rig.left.model == "fisheye"
+    with pytest.raises(AnyNetError, match="expected cameras of the models"):
+        read_rig(write(tmp_path, "camchain.yaml", KALIBR.format(model="ds", distortion="none")))
+    alone = KALIBR.split("cam1:")[0].format(model="pinhole", distortion="radtan")
+    with pytest.raises(AnyNetError, match="the calibration lacks cam1"):
+        read_rig(write(tmp_path, "camchain.yaml", alone))
+
+
+EUROC = """sensor_type: camera
+T_BS:
+  cols: 4
+  rows: 4
+  data: [1.0, 0.0, 0.0, {x}, 0.0, 1.0, 0.0, 0.02, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+rate_hz: 20
+resolution: [752, 480]
+camera_model: pinhole
+intrinsics: [458.654, 457.296, 367.215, 248.375] #fu, fv, cu, cv
+distortion_model: radial-tangential
+distortion_coefficients: [-0.28, 0.07, 0.0002, 1.76e-05]
+"""
+
+
+def test_euroc(tmp_path: Path) -> None:
+    paths = [write(tmp_path / f"cam{i}", "sensor.yaml", EUROC.format(x=x)) for i, x in enumerate((0.05, 0.16))]
+    for rig in (read_rig(*paths), read_rig(tmp_path)):
+        assert rig.translation == pytest.approx([-0.11, 0, 0])
+    with pytest.raises(AnyNetError, match="of one raw camera"):
+        read_calibration(paths[0])
+    with pytest.warns(UserWarning, match="camera 1 of the calibration is the right one"):
+        assert read_rig(*reversed(paths)).translation == pytest.approx([-0.11, 0, 0])
+
+
+def test_orb_slam2_with_its_own_rectification(tmp_path: Path) -> None:
+    text = "%YAML:1.0\nCamera.fx: 435.2\nCamera.fy: 435.2\nCamera.cx: 367.4\nCamera.cy: 252.2\nCamera.bf: 47.9\n"
+    for side, along in (("LEFT", 0.0), ("RIGHT", -47.9)):
+        text += f"{side}.height: 480\n{side}.width: 752\n" + matrix(f"{side}.D", D) + matrix(f"{side}.K", K1)
+        text += matrix(f"{side}.R", np.eye(3)) + matrix(
+            f"{side}.P", [[435.2, 0, 367.4, along], [0, 435.2, 252.2, 0], [0, 0, 1, 0]]
+        )
+    rig = read_rig(write(tmp_path, "EuRoC.yaml", text.replace("data: [", "data:[")))  # as in the original
+    assert (rig.size, rig.baseline) == ((752, 480), pytest.approx(47.9 / 435.2))
+
+
+def test_orb_slam3(tmp_path: Path) -> None:
+    text = '%YAML:1.0\nCamera.type: "{type}"\nCamera.width: 752\nCamera.height: 480\n'
+    for camera in ("Camera1", "Camera2"):
+        text += "".join(f"{camera}.{k}: {v}\n" for k, v in {"fx": 458.6, "fy": 457.2, "cx": 367.2, "cy": 248.3}.items())
+        text += "".join(f"{camera}.{k}: 0.01\n" for k in ("k1", "k2", "p1", "p2", "k3", "k4"))
+    pose = np.eye(4)
+    pose[0, 3] = 0.11
+    text += matrix("Stereo.T_c1_c2", pose)
+    rig = read_rig(write(tmp_path, "a.yaml", text.format(type="PinHole")))
+    assert (rig.size, rig.left.model) == ((752, 480), "pinhole")
+    assert rig.translation == pytest.approx([-0.11, 0, 0])
+    assert read_rig(write(tmp_path, "a.yaml", text.format(type="KannalaBrandt8"))).left.model == "fisheye"
+    one = "%YAML:1.0\nCamera.type: PinHole\nCamera1.fx: 700\nCamera1.fy: 700\nCamera1.cx: 600\nCamera1.cy: 180\n"
+    assert read(write(tmp_path, "b.yaml", one + "Stereo.b: 0.54\n")) == Calibration(700, 0.54, 600, 180)
+    with pytest.raises(AnyNetError, match=r"lacks Camera\.bf or Stereo\.b: give --baseline"):
+        read(write(tmp_path, "b.yaml", one))
+    with pytest.raises(AnyNetError, match="of unrectified cameras"):
+        read(write(tmp_path, "b.yaml", one + "Camera1.k1: -0.3\nStereo.b: 0.54\n"))
+
+
+PINHOLE = """%YAML:1.0
+---
+model_type: PINHOLE
+camera_name: {name}
+image_width: 752
+image_height: 480
+distortion_parameters:
+   k1: -0.29
+   k2: 0.08
+   p1: 0.0
+   p2: 0.0
+projection_parameters:
+   fx: 461.1
+   fy: 459.7
+   cx: 362.6
+   cy: 248.5
+"""
+KANNALA = """%YAML:1.0
+---
+model_type: KANNALA_BRANDT
+camera_name: {name}
+image_width: 752
+image_height: 480
+projection_parameters:
+   k2: 0.01
+   k3: 0.0
+   k4: 0.0
+   k5: 0.0
+   mu: 461.1
+   mv: 459.7
+   u0: 362.6
+   v0: 248.5
+"""
+
+
+@pytest.mark.parametrize(("text", "model"), [(PINHOLE, "pinhole"), (KANNALA, "fisheye")])
+def test_vins(tmp_path: Path, text: str, model: str) -> None:
+    cameras = [write(tmp_path, f"cam{i}.yaml", text.format(name=f"cam{i}")) for i in (0, 1)]
+    poses = [np.eye(4), np.eye(4)]
+    poses[1][0, 3] = 0.11
+    body = "%YAML:1.0\n---\ncam0_calib: cam0.yaml\ncam1_calib: cam1.yaml\n"
+    body += "".join(matrix(f"body_T_cam{i}", pose) for i, pose in enumerate(poses))
+    config = write(tmp_path, "stereo.yaml", body)
+    for rig in (read_rig(*cameras, config), read_rig(config), read_rig(tmp_path)):
+        assert (rig.size, rig.left.model) == ((752, 480), model)
+        assert rig.translation == pytest.approx([-0.11, 0, 0])
+    with pytest.raises(AnyNetError, match=r"of unrectified cameras .* body_T_cam0 and body_T_cam1"):
+        read_calibration(cameras)
+
+
+def test_zed(tmp_path: Path) -> None:
+    text = ""
+    for side in ("LEFT", "RIGHT"):
+        for name, focal in (("HD", 700.0), ("VGA", 350.0)):
+            text += (
+                f"[{side}_CAM_{name}]\nfx={focal}\nfy={focal}\ncx={focal * 0.9}\ncy={focal / 2}\nk1=-0.17\nk2=0.02\n"
+            )
+    text += "[STEREO]\nBaseline=119.9\nTY=0.1\nTZ=0.2\n"
+    text += "".join(f"CV_{name}=0.02\nRX_{name}=-0.003\nRZ_{name}=-0.001\n" for name in ("HD", "VGA"))
+    path = write(tmp_path, "SN1234.conf", text)
+    rig = read_rig(path, size=(672, 376))
+    assert (rig.size, rig.left.matrix[0, 0]) == ((672, 376), 350)
+    np.testing.assert_allclose(rig.translation, [-0.1199, -0.0001, -0.0002], atol=1e-9)
+    np.testing.assert_allclose(cv2.Rodrigues(rig.rotation)[0].ravel(), [-0.003, 0.02, -0.001], atol=1e-9)
+    with pytest.raises(AnyNetError, match=r"sizes HD \(1280 x 720\), VGA \(672 x 376\), got 640 x 480"):
+        read_rig(path, size=(640, 480))
+
+
+def depthai(**changes: object) -> str:
+    def camera(x: float, target: int) -> dict[str, object]:
+        return {
+            "cameraType": 0, "width": 1280, "height": 800, "intrinsicMatrix": [[800, 0, 640], [0, 800, 400], [0, 0, 1]],
+            "distortionCoeff": [0.1] + [0.0] * 13,
+            "extrinsics": {
+                "rotationMatrix": np.eye(3).tolist(), "translation": {"x": x, "y": 0, "z": 0}, "toCameraSocket": target,
+            },
+        }  # fmt: skip
+
+    # The left camera leads to the right one, that to the color camera in the middle.
+    cameras = [[0, camera(0, -1)], [1, camera(-7.5, 2)], [2, camera(3.75, 0)]]
+    stereo = {"leftCameraSocket": 1, "rightCameraSocket": 2}
+    return json.dumps({"boardName": "OAK-D", "cameraData": cameras, "stereoRectificationData": stereo, **changes})
+
+
+def test_depthai(tmp_path: Path) -> None:
+    rig = read_rig(write(tmp_path, "oak.json", depthai()))
+    assert (rig.size, rig.left.distortion.size) == ((1280, 800), 14)
+    np.testing.assert_allclose(rig.translation, [-0.075, 0, 0], atol=1e-12)
+    with pytest.raises(AnyNetError, match="lacks the camera on socket 7"):
+        read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData={"leftCameraSocket": 7})))
+
+
+def test_realsense(tmp_path: Path) -> None:
+    intrinsics = {"width": 848, "height": 480, "fx": 420.0, "fy": 420.0, "ppx": 422.0, "ppy": 240.0, "coeffs": [0] * 5}
+    device: dict[str, object] = {"infrared1": intrinsics, "infrared2": {**intrinsics, "ppx": 423.0}}
+    device["color"] = {**intrinsics, "fx": 600.0}
+    expected = Calibration(420, 0.05, 422, 240, 1, (848, 480))
+    extrinsics = {"rotation": np.eye(3).ravel().tolist(), "translation": [-0.05, 0, 0]}
+    for more in ({"extrinsics": extrinsics}, {"baseline": 50.0}, {"baseline_m": 0.05}):
+        assert read(write(tmp_path, "rs.json", json.dumps({**device, **more}))) == expected
+    with pytest.raises(AnyNetError, match=r"lacks extrinsics \(translation\) or baseline: give --baseline"):
+        read(write(tmp_path, "rs.json", json.dumps(device)))
+
+
+def test_kitti_pairs(tmp_path: Path) -> None:
+    def line(name: str, x: float) -> str:
+        return f"{name}: 700 0 600 {-700 * x} 0 700 170 0 0 0 1 0\n"
+
+    text = line("P0", 0) + line("P1", 0.537) + line("P2", -0.06) + line("P3", 0.4727)
+    path = write(tmp_path, "calib.txt", text)
+    assert read(path).baseline == pytest.approx(0.5327)
+    assert "color pair" in read(path).origin
+    for image in ("image_0/1.png", "image_00/data/1.png"):
+        assert read(path, image=tmp_path / image).baseline == pytest.approx(0.537)
+    assert read(path, image=tmp_path / "image_2/1.png").baseline == pytest.approx(0.5327)
+    assert "gray pair" in read(path, pair="gray").origin
+
+
+def test_kitti_raw_cameras(tmp_path: Path) -> None:
+    text = "calib_time: 09-Jan-2012 13:57:47\n"
+    for number, x in ((2, -0.06), (3, 0.47)):
+        text += (
+            f"S_0{number}: 1392 512\nK_0{number}: 960 0 696 0 957 224 0 0 1\nD_0{number}: -0.37 0.2 0.001 0.002 -0.07\n"
+        )
+        text += f"R_0{number}: 1 0 0 0 1 0 0 0 1\nT_0{number}: {-x} 0 0\nS_rect_0{number}: 1242 375\n"
+        text += f"P_rect_0{number}: 721 0 609 {-721 * x} 0 721 172 0 0 0 1 0\n"
+    calibration = read(write(tmp_path, "calib_cam_to_cam.txt", text))
+    assert (calibration.size, calibration.baseline) == ((1242, 375), pytest.approx(0.53))
+    assert calibration.rig is not None
+    assert (calibration.rig.size, calibration.rig.baseline) == ((1392, 512), pytest.approx(0.53))
+
+
+@pytest.mark.parametrize(
+    "text", ["994.978 0 311.193 0 994.978 254.877 0 0 1\n", "994.978 0 311.193\n0 994.978 254.877\n0 0 1\n"]
+)
+def test_k_txt(tmp_path: Path, text: str) -> None:
+    assert read(write(tmp_path, "K.txt", text + "0.193\n")) == Calibration(994.978, 0.193, 311.193, 254.877)
+    with pytest.raises(AnyNetError, match="lacks the baseline as its tenth number: give --baseline"):
+        read(write(tmp_path, "K.txt", text))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_byte_order_marks(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "calib.txt"
+    path.write_bytes("cam0=[900 0 300; 0 900 250; 0 0 1]\ndoffs=3\nbaseline=100\n".encode(encoding))
+    assert read(path) == Calibration(900, 0.1, 300, 250, 3)
+
+
+def test_a_folder_of_several_calibrations(tmp_path: Path) -> None:
+    for name in "ab":
+        write(tmp_path, f"{name}.txt", "cam0=[900 0 300; 0 900 250; 0 0 1]\ndoffs=3\nbaseline=100\n")
+    with pytest.raises(AnyNetError, match=r"expected the files of one calibration, got a\.txt, b\.txt; name those"):
+        read_calibration(tmp_path)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(AnyNetError, match="expected calibration files in the folder"):
+        read_calibration(tmp_path / "empty")

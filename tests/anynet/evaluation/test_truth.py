@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from anynet.evaluation.truth import check_truth
+from anynet.samples import StereoSample
+
+RNG = np.random.default_rng(0)
+ESTIMATE = RNG.uniform(5, 100, (30, 40)).astype(np.float32)
+
+
+def findings(truth: np.ndarray, valid: np.ndarray | None = None) -> list[str]:
+    image = np.zeros((30, 40, 3), np.uint8)
+    known = np.isfinite(truth) if valid is None else valid
+    return check_truth(StereoSample(image, image, truth.astype(np.float32), known), ESTIMATE)
+
+
+def test_a_truth_that_may_be_one() -> None:
+    noisy = ESTIMATE * RNG.uniform(0.8, 1.2, ESTIMATE.shape)
+    assert findings(noisy) == []
+    assert findings(RNG.uniform(1, 190, ESTIMATE.shape)) == []  # the estimate is bad, not the scale
+    assert findings(np.full(ESTIMATE.shape, np.nan)) == []
+
+
+@pytest.mark.parametrize(("factor", "word"), [(0.25, "0.25"), (4, "4"), (1.6, "1.6")])
+def test_another_scale(factor: float, word: str) -> None:
+    (finding,) = findings(ESTIMATE * factor * RNG.uniform(0.95, 1.05, ESTIMATE.shape))
+    assert f"about {word} times the estimated" in finding
+
+
+def test_the_other_sign_and_the_wrong_range() -> None:
+    (finding,) = findings(-ESTIMATE)
+    assert "all known disparities are negative" in finding
+    (finding,) = findings(ESTIMATE + 300)
+    assert "no pixel counts (0 < d < 192): the known disparities are 30" in finding

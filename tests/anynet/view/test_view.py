@@ -1,0 +1,126 @@
+"""The page in a browser: it loads, the cloud is drawn, the slider changes the stage, the console stays quiet."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from anynet import AnyNetError
+from anynet.camera import Calibration, PairPreparation
+from anynet.synthetic import render
+
+pytest.importorskip("viser", reason="the page needs viser (extra view)")
+from anynet.view import StillPair, View
+
+
+@pytest.fixture
+def view(tmp_path: Path) -> Iterator[View]:
+    sample = render(3, 240, 480)
+    calibration = Calibration(focal=400, baseline=0.5)
+    source = StillPair("scene", sample.left, sample.right)
+    view = View(source, prepare=PairPreparation(calibration, check=False), port=18080, out=tmp_path / "saved")
+    thread = threading.Thread(target=view.run)
+    thread.start()
+    try:
+        wait(lambda: view.estimate is not None)
+        yield view
+    finally:
+        view.stop()
+        thread.join(60)
+        assert not thread.is_alive()
+
+
+def wait(reached: Callable[[], bool], seconds: float = 120) -> None:
+    end = time.monotonic() + seconds
+    while not reached():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def shown(view: View) -> tuple[int, str]:
+    assert view.estimate is not None
+    return view.estimate.stage, view.page._status.content
+
+
+def test_controls(view: View) -> None:
+    page = view.page
+    assert view.url.startswith("http://127.0.0.1:")
+    assert shown(view)[0] == 4
+    page._share.value = 0
+    page.changed.set()
+    wait(lambda: shown(view)[0] == 1)
+    assert "**stage 1** of 4" in shown(view)[1]
+    page._share.value = 125
+    page._min_confidence.value = 1.0
+    page.changed.set()
+    wait(lambda: shown(view)[0] == 4 and " 0 points" in shown(view)[1])
+    page._min_confidence.value = 0.0
+    page._asked(page.save)
+    wait(lambda: shown(view)[1].startswith("saved to"))
+    names = {path.name for path in (view._out).iterdir()}
+    assert {"scene_disparity.png", "scene_confidence.png", "scene_occluded.png", "scene_cloud.ply"} <= names
+
+
+@pytest.mark.slow
+def test_in_a_browser(view: View, tmp_path: Path) -> None:
+    selenium = pytest.importorskip("selenium", reason="the browser test needs selenium")
+    if shutil.which("chromium") is None or shutil.which("chromedriver") is None:
+        pytest.skip("the browser test needs chromium and chromium-driver")
+    from selenium import webdriver
+    from selenium.webdriver.common.by import By
+    from selenium.webdriver.common.keys import Keys
+
+    assert selenium
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(shutil.which("chromium"))
+    for argument in (
+        "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader", "--window-size=1600,1000",
+    ):  # fmt: skip
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    service = webdriver.ChromeService(str(shutil.which("chromedriver")))
+    driver = webdriver.Chrome(options=options, service=service)
+    try:
+        driver.set_page_load_timeout(180)
+        driver.get(view.url)
+        wait(lambda: "stage 4" in driver.find_element(By.TAG_NAME, "body").text, 180)
+        picture = tmp_path / "page.png"
+
+        def cloud() -> float:
+            """Share of the scene's part of the page that is not background."""
+            driver.save_screenshot(str(picture))
+            image = cv2.imread(str(picture))
+            assert image is not None
+            scene = image[100:-100, 100:900].astype(int)
+            return float((np.abs(scene - scene[0, 0]).max(2) > 24).mean())
+
+        wait(lambda: cloud() > 0.2, 180)
+        slider = driver.find_elements(By.CSS_SELECTOR, "[role=slider]")[0]
+        slider.send_keys(Keys.HOME)
+        wait(lambda: shown(view)[0] == 1)
+        wait(lambda: "stage 1" in driver.find_element(By.TAG_NAME, "body").text)
+        slider.send_keys(Keys.END)
+        wait(lambda: "stage 4" in driver.find_element(By.TAG_NAME, "body").text)
+        assert cloud() > 0.2
+        errors = [entry for entry in driver.get_log("browser") if entry["level"] == "SEVERE"]
+        assert not errors
+    finally:
+        driver.quit()
+
+
+def test_a_source_without_frames() -> None:
+    class Empty(StillPair):
+        def frames(self) -> Iterator[object]:  # type: ignore[override]
+            return iter(())
+
+    image = np.zeros((8, 8, 3), np.uint8)
+    with pytest.raises(AnyNetError, match="the source has no frames"):
+        View(Empty("", image, image), port=18090).run()
