@@ -1,7 +1,7 @@
 """Every code block of README.md and docs/*.md works as pasted.
 
 * Blocks fenced as `python` are run, each as a script of its own, in a folder with `left.png`, `right.png`,
-  `image_2/`, `image_3/`, `calib.txt` and, for docs/weights.md, the weights of the runs that it lists.
+  `image_2/`, `image_3/`, `calib.txt`, `stereo.yaml` and, for docs/weights.md, the weights of the runs that it lists.
   Training ends after one step of one small crop.
 * All other blocks, indented or fenced as `sh`, are run by bash, those of a file one after the other, with recorders in
   place of the programs. `anynet predict`, `demo`, `info` and `--help` are then run; all other recorded calls are parsed
@@ -31,6 +31,8 @@ import typer
 from markdown_it import MarkdownIt
 
 from anynet import AnyNet, cli, save_checkpoint
+from anynet.camera import Camera, StereoRig
+from anynet.camera.write import write_rig
 from anynet.data.registry import OPENERS, open_dataset
 from anynet.io import write_image
 from anynet.model import presets
@@ -96,6 +98,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         write_image(tmp_path / name, image)
     (tmp_path / "calib.txt").write_text(CALIBRATION)
+    camera = Camera(np.array([[100, 0, 32], [0, 100, 24], [0, 0, 1.0]]), np.zeros(5))
+    write_rig(tmp_path / "stereo.yaml", StereoRig(camera, camera, np.eye(3), np.array([-0.12, 0, 0]), (64, 48)))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
