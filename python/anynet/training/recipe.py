@@ -55,7 +55,9 @@ class Recipe:
     Lengths are in steps (optimizer updates) unless a name says epochs; sizes are (height, width) in pixels.
     """
 
-    data: tuple[str, ...] = _option((), "Training data, KIND:ROOT[?OPTION=VALUE&...]; several are joined.")
+    data: tuple[str, ...] = _option(
+        (), "Training data, KIND:ROOT[?OPTION=VALUE&...]: folders:, csv:, rendered:, ... (docs/data.md); several are joined."
+    )
     validation: tuple[str, ...] = _option((), "Data to measure on while training, KIND:ROOT[?OPTION=VALUE&...].")
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
     input_scale: float | None = _option(None, "Resize the images by this factor first. Default: what the weights say.")
