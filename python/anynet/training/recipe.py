@@ -56,7 +56,7 @@ class Recipe:
     """
 
     data: tuple[str, ...] = _option(
-        (), "Training data, KIND:ROOT[?OPTION=VALUE&...]: folders:, csv:, rendered:, ... (docs/data.md); several are joined."
+        (), "Training data, KIND:ROOT[?OPTION=VALUE&...]: folders:, csv:, ... (docs/data.md); several are joined."
     )
     validation: tuple[str, ...] = _option((), "Data to measure on while training, KIND:ROOT[?OPTION=VALUE&...].")
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
