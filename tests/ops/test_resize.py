@@ -67,7 +67,7 @@ def test_gradients(small, size, align_corners):
 def test_kernels(isa, dtype, small, size, align_corners):
     tolerance = {"rtol": TOLERANCE[dtype], "atol": TOLERANCE[dtype]}
     input, add, grad = images((2, 3, *small), dtype), images((2, 3, *size), dtype), images((2, 3, *size), dtype).flip(3)
-    leaf = input.double().requires_grad_()
+    leaf = input.double().clone().requires_grad_()
     expected = reference.resize(leaf, size, scale=-4.0, add=add.double(), align_corners=align_corners)
     (expected_grad,) = torch.autograd.grad(expected, leaf, grad.double())
     out = _kernels.resize(isa, to_array(input), *size, -4.0, to_array(add), align_corners, 2)
