@@ -29,7 +29,7 @@ from anynet.model.deploy import DeployedAnyNet, sum_at
 Pixels = tuple[Tensor, Tensor]  # evidence [M, F + 1], the last of the left-right check; whether they are right [M]
 
 
-@torch.inference_mode()
+@torch.no_grad()
 def collect(network: DeployedAnyNet, samples: Dataset, per_pair: int) -> list[Pixels]:
     """For every stage, random pixels of all pairs."""
     rng = np.random.default_rng(0)

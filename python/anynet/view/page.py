@@ -69,7 +69,7 @@ class Page:
         self._server.initial_camera.position = (0.0, 0.0, 0.0)
         self._server.initial_camera.look_at = (0.0, 0.0, 1.0)
         gui = self._server.gui
-        gui.configure_theme(control_layout="fixed", control_width="large")
+        gui.configure_theme(control_width="large")
         self._status = gui.add_markdown("waiting for the first frame")
         self._share = gui.add_slider(
             "time budget %", 0, 125, 1, 125, hint="Of the time that all stages take. At the end: no limit."

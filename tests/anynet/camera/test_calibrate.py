@@ -47,10 +47,9 @@ def calculated(rig: StereoRig, count: int = 15, noise: float = 0.03) -> list[Vie
 
 def models() -> list[tuple[str, StereoRig]]:
     pinhole = rendering.rig()
-    rational = [
-        replace(c, distortion=np.array([-0.28, 0.09, 0, 0, 0, 0.02, 0, 0])) for c in (pinhole.left, pinhole.right)
-    ]
-    fisheye = [Camera(c.matrix, np.array([0.02, -0.01, 0.003, 0]), "fisheye") for c in (pinhole.left, pinhole.right)]
+    cameras = pinhole.left, pinhole.right
+    rational = [Camera(camera.matrix, np.array([-0.28, 0.09, 0, 0, 0, 0.02, 0, 0])) for camera in cameras]
+    fisheye = [Camera(camera.matrix, np.array([0.02, -0.01, 0.003, 0]), "fisheye") for camera in cameras]
     return [
         ("pinhole", pinhole),
         ("rational", replace(pinhole, left=rational[0], right=rational[1])),

@@ -12,7 +12,8 @@ import pytest
 from plyfile import PlyData
 
 from anynet import Predictor
-from anynet.io import read_disparity, read_image, write_image
+from anynet.camera import StereoRig, read_calibration
+from anynet.io import read_depth, read_disparity, read_image, write_image
 
 from .conftest import Run
 
@@ -28,15 +29,17 @@ def test_one_pair(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Pa
     out = tmp_path / "a" / "b"
     result = run("predict", *pair, "--out", out, "--weights", weights)
     assert (result.status, result.err) == (0, "")
-    assert names(out) == ["left_colour.png", "left_disparity.png"]
+    assert names(out) == ["left_color.png", "left_disparity.png"]
     assert result.out.startswith("left: 64 x 48, stage 4 after ")
     times = [float(t) for t in result.out.split("after ")[1].split(" ms")[0].split(", ")]
     assert len(times) == 4
     assert times == sorted(times)
     assert str(out / "left_disparity.png") in result.out
     expected = Predictor(weights).predict(*(read_image(path) for path in pair)).disparity
-    np.testing.assert_allclose(read_disparity(out / "left_disparity.png"), expected.clip(1 / 256), atol=1 / 256)
-    assert read_image(out / "left_colour.png").shape[0] == 48
+    known = np.where(expected > 0, expected.clip(1 / 256), np.nan)
+    assert 0 < np.isnan(known).mean() < 0.5
+    np.testing.assert_allclose(read_disparity(out / "left_disparity.png"), known, atol=1 / 256)
+    assert read_image(out / "left_color.png").shape[0] == 48
 
 
 @pytest.mark.parametrize("kind", ["pfm", "npy"])
@@ -44,7 +47,7 @@ def test_formats(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Pat
     assert run("predict", *pair, "--out", tmp_path / "out", "--weights", weights, "--format", kind).status == 0
     disparity = read_disparity(tmp_path / "out" / f"left_disparity.{kind}")
     expected = Predictor(weights).predict(*(read_image(path) for path in pair)).disparity
-    np.testing.assert_allclose(disparity, expected, atol=1e-4)
+    np.testing.assert_allclose(disparity, np.where(expected > 0, expected, np.nan), atol=1e-4)
 
 
 def test_stage_and_all_stages(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
@@ -55,15 +58,16 @@ def test_stage_and_all_stages(run: Run, pair: tuple[Path, Path], weights: Path, 
     assert len(report["elapsed_ms"]) == 2
     assert sorted(Path(file).name for file in report["files"].values()) == names(tmp_path / "out")
     assert names(tmp_path / "out") == [
-        "left_colour.png",
+        "left_color.png",
         "left_disparity.npy",
-        "left_stage1_colour.png",
+        "left_stage1_color.png",
         "left_stage1_disparity.npy",
     ]
     predictor = Predictor(weights)
     for file, stage in (("left_stage1_disparity.npy", 1), ("left_disparity.npy", 2)):
         expected = predictor.predict(*(read_image(path) for path in pair), stage=stage).disparity
-        np.testing.assert_allclose(np.load(tmp_path / "out" / file), expected, atol=1e-4)
+        known = np.where(expected > 0, expected, np.nan)
+        np.testing.assert_allclose(np.load(tmp_path / "out" / file), known, atol=1e-4)
 
 
 def test_budget(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
@@ -80,9 +84,9 @@ def test_depth_and_cloud(run: Run, pair: tuple[Path, Path], weights: Path, tmp_p
     disparity = np.load(out / "left_disparity.npy")
     depth = cv2.imread(str(out / "left_depth.tiff"), cv2.IMREAD_UNCHANGED)
     assert depth.dtype == np.float32
-    behind = disparity <= -30
+    behind = np.isnan(disparity)
     assert 0 < behind.mean() < 0.5
-    np.testing.assert_allclose(depth, np.where(behind, np.nan, 100 * 0.2 / (disparity + 30)), rtol=1e-5)
+    np.testing.assert_allclose(depth, 100 * 0.2 / (disparity + 30), rtol=1e-5)
     vertices = PlyData.read(out / "left_cloud.ply")["vertex"].data
     np.testing.assert_array_equal(vertices["z"], depth[~behind])
     np.testing.assert_array_equal(vertices["red"], read_image(pair[0])[~behind, 0])
@@ -170,3 +174,86 @@ def test_a_pair_does_not_wait_for_what_it_does_not_need(pair: tuple[Path, Path],
     command = [sys.executable, "-c", code, "predict", *pair, "--out", tmp_path, "--weights", weights]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     assert done.stdout.splitlines()[-1] == "set()"
+
+
+def test_all_files_agree_on_what_is_unknown(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+    calib = tmp_path / "calib.txt"
+    calib.write_text(MIDDLEBURY)
+    unknown = []
+    for kind in ("png", "pfm", "npy"):
+        out = tmp_path / kind
+        depths = ("--depth-format", "png", "--depth-format", "tiff", "--depth-format", "npy")
+        result = run("predict", *pair, "--out", out, "--weights", weights, "--calib", calib, "--format", kind, *depths)
+        assert result.status == 0
+        unknown.append(np.isnan(read_disparity(out / f"left_disparity.{kind}")))
+        unknown += [np.isnan(read_depth(out / f"left_depth.{ending}")) for ending in ("png", "tiff", "npy")]
+        assert np.count_nonzero(~unknown[0]) == len(PlyData.read(out / "left_cloud.ply")["vertex"].data)
+    assert 0 < unknown[0].mean() < 0.5
+    for other in unknown[1:]:
+        np.testing.assert_array_equal(other, unknown[0])
+
+
+def test_disparities_that_a_png_does_not_hold(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+    arguments = ("predict", *pair, "--out", tmp_path / "out", "--weights", weights, "--json")
+    report = json.loads(run(*arguments, "--min-disparity", -20).out)
+    assert report["files"]["disparity"].endswith(".pfm")
+    assert any("written as PFM" in warning for warning in report["warnings"])
+    assert np.nanmin(read_disparity(report["files"]["disparity"])) < 0
+    assert report["notes"] == ["disparities looked for from -20 pixels on"]
+
+
+@pytest.mark.parametrize("depth", ["nan", "-5", "0"])
+def test_max_depth(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path, depth: str) -> None:
+    result = run("predict", *pair, "--out", tmp_path / "out", "--weights", weights, "--max-depth", depth)
+    assert (result.status, result.err) == (2, f"anynet: expected --max-depth > 0, got {depth}\n")
+
+
+RAW = """%YAML:1.0
+---
+width: 64
+height: 48
+K1: [100., 0., 32., 0., 101., 24., 0., 0., 1.]
+D1: [-0.1, 0.01, 0., 0.]
+K2: [102., 0., 31., 0., 101., 25., 0., 0., 1.]
+D2: [-0.1, 0.01, 0., 0.]
+R: [1., 0., 0., 0., 1., 0., 0., 0., 1.]
+T: [-120., 0., 0.]
+"""
+
+
+def test_raw_images(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+    calib = tmp_path / "rig.yml"
+    calib.write_text(RAW)
+    arguments = ("predict", *pair, "--out", tmp_path / "out", "--weights", weights, "--json", "--calib", calib)
+    result = run(*arguments, "--calib-unit", "mm", "--save-rectified", "--format", "npy")
+    report = json.loads(result.out)
+    assert report["calibration"]["baseline"] == pytest.approx(0.12)
+    assert report["calibration"]["size"] == [64, 48]
+    assert "rectified by the calibration of raw cameras" in report["notes"]
+    rig = read_calibration(calib, unit="mm")
+    assert isinstance(rig, StereoRig)
+    rectified = rig.rectify()(*(read_image(path) for path in pair))
+    for side, image in zip(("left", "right"), rectified, strict=True):
+        np.testing.assert_array_equal(read_image(report["files"][f"rectified_{side}"]), image)
+    disparity = np.load(report["files"]["disparity"])
+    assert np.isnan(disparity[~rig.rectify().valid]).all()
+    told = run(*arguments).err
+    assert told.count("a baseline of 120 m is long") == 1
+    assert "--calib-unit mm" in told
+    not_warped = json.loads(run(*arguments, "--calib-unit", "mm", "--rectified").out)
+    assert not_warped["notes"] == ["calibration: OpenCV, K1 and K2, rectified"]
+    result = run(*arguments, "--calib-unit", "mm", "--focal", 90)
+    assert "of raw cameras: --focal cannot replace" in result.err
+    wider = json.loads(run(*arguments, "--baseline", 0.3).out)
+    assert wider["calibration"]["baseline"] == pytest.approx(0.3)
+
+
+def test_units_and_pairs_belong_to_files(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+    arguments = ("predict", *pair, "--out", tmp_path / "out", "--weights", weights)
+    assert "--calib-unit and --calib-pair belong to --calib" in run(*arguments, "--calib-unit", "mm").err
+    assert "--raw" in run(*arguments, "--raw").err
+    calib = tmp_path / "calib.txt"
+    calib.write_text(MIDDLEBURY)
+    assert "expected a unit of m, dm, cm" in run(*arguments, "--calib", calib, "--calib-unit", "yd").err
+    given = run(*arguments, "--calib", calib, "--calib-unit", "cm", "--json")
+    assert json.loads(given.out)["calibration"]["baseline"] == 2

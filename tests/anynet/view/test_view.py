@@ -22,8 +22,8 @@ from anynet.view import StillPair, View
 
 @pytest.fixture
 def view(tmp_path: Path) -> Iterator[View]:
-    sample = render(3, 240, 480)
-    calibration = Calibration(focal=400, baseline=0.5)
+    sample = render(3, 128, 256)
+    calibration = Calibration(focal=220, baseline=0.5)
     source = StillPair("scene", sample.left, sample.right)
     view = View(source, prepare=PairPreparation(calibration, check=False), port=18080, out=tmp_path / "saved")
     thread = threading.Thread(target=view.run)
@@ -74,6 +74,7 @@ def test_in_a_browser(view: View, tmp_path: Path) -> None:
     if shutil.which("chromium") is None or shutil.which("chromedriver") is None:
         pytest.skip("the browser test needs chromium and chromium-driver")
     from selenium import webdriver
+    from selenium.common.exceptions import TimeoutException
     from selenium.webdriver.common.by import By
     from selenium.webdriver.common.keys import Keys
 
@@ -82,7 +83,7 @@ def test_in_a_browser(view: View, tmp_path: Path) -> None:
     options.binary_location = str(shutil.which("chromium"))
     for argument in (
         "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
-        "--enable-unsafe-swiftshader", "--window-size=1600,1000",
+        "--enable-unsafe-swiftshader", "--window-size=1100,700",
     ):  # fmt: skip
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
@@ -96,10 +97,13 @@ def test_in_a_browser(view: View, tmp_path: Path) -> None:
 
         def cloud() -> float:
             """Share of the scene's part of the page that is not background."""
-            driver.save_screenshot(str(picture))
+            try:
+                driver.save_screenshot(str(picture))
+            except TimeoutException:  # a busy machine that draws without a GPU
+                return 0.0
             image = cv2.imread(str(picture))
             assert image is not None
-            scene = image[100:-100, 100:900].astype(int)
+            scene = image[50:-50, 50 : image.shape[1] // 2].astype(int)
             return float((np.abs(scene - scene[0, 0]).max(2) > 24).mean())
 
         wait(lambda: cloud() > 0.2, 180)
