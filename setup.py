@@ -87,6 +87,7 @@ setup(
         "typer",
         "rich",
         "plyfile",
+        "PyYAML",
     ],
     ext_modules=[Extension("anynet_ext._C", sources=[])],
     cmdclass={"build": CleanBuild, "build_ext": CMakeBuild, "bdist_wheel": Wheel},

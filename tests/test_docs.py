@@ -1,7 +1,7 @@
 """Every code block of README.md and docs/*.md works as pasted.
 
 * Blocks fenced as `python` are run, each as a script of its own, in a folder with `left.png`, `right.png`,
-  `image_2/`, `image_3/`, `calib.txt` and, for docs/training.md, the weights of the runs that it tells of.
+  `image_2/`, `image_3/`, `calib.txt`, `stereo.yaml` and, for docs/weights.md, the weights of the runs that it lists.
   Training ends after one step of one small crop.
 * All other blocks, indented or fenced as `sh`, are run by bash, those of a file one after the other, with recorders in
   place of the programs. `anynet predict`, `demo`, `info` and `--help` are then run; all other recorded calls are parsed
@@ -31,6 +31,8 @@ import typer
 from markdown_it import MarkdownIt
 
 from anynet import AnyNet, cli, save_checkpoint
+from anynet.camera import Camera, StereoRig
+from anynet.camera.write import write_rig
 from anynet.data.registry import OPENERS, open_dataset
 from anynet.io import write_image
 from anynet.model import presets
@@ -41,7 +43,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SHELL = ("", "sh", "bash")
 OTHERS = ("text", "json", "toml", "yaml", "cpp", "csv")
-PROGRAMS = ("anynet", "cmake", "compute-sanitizer", "cuda_check", "pip", "pytest", "python", "torchrun")
+PROGRAMS = (
+    "anynet", "cmake", "compute-sanitizer", "ctest", "mkdocs", "mypy", "pip", "pytest", "python", "ruff", "torchrun",
+)  # fmt: skip
+SCRIPTS = ("build/gpu/tests/cuda/cuda_check", ".ci/wheels")  # called by their paths
 CALIBRATION = "cam0=[100 0 32; 0 100 24; 0 0 1]\nbaseline=120\ndoffs=0\nwidth=64\nheight=48\n"
 Call = list[str]
 
@@ -93,6 +98,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         write_image(tmp_path / name, image)
     (tmp_path / "calib.txt").write_text(CALIBRATION)
+    camera = Camera(np.array([[100, 0, 32], [0, 100, 24], [0, 0, 1.0]]), np.zeros(5))
+    write_rig(tmp_path / "stereo.yaml", StereoRig(camera, camera, np.eye(3), np.array([-0.12, 0, 0]), (64, 48)))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -140,13 +147,11 @@ def test_python(block: Block, folder: Path, runs: None, one_step: list[Recipe]) 
 def record(blocks: Sequence[Block], folder: Path) -> list[tuple[Block, Call]]:
     """The programs that bash calls in the blocks, with their arguments."""
     stubs, calls = folder / ".stubs", folder / ".calls"
-    (folder / "build/gpu/tests/cuda").mkdir(parents=True)
-    stubs.mkdir()
     calls.touch()
-    for program in PROGRAMS:
-        place = folder / "build/gpu/tests/cuda" if program == "cuda_check" else stubs
-        (place / program).write_text(f"#!/bin/sh\nprintf '%s\\037' {program} \"$@\" >>'{calls}'; echo >>'{calls}'\n")
-        (place / program).chmod(0o755)
+    for stub in (*(stubs / program for program in PROGRAMS), *(folder / script for script in SCRIPTS)):
+        stub.parent.mkdir(parents=True, exist_ok=True)
+        stub.write_text(f"#!/bin/sh\nprintf '%s\\037' {stub.name} \"$@\" >>'{calls}'; echo >>'{calls}'\n")
+        stub.chmod(0o755)
     environment = {**os.environ, "PATH": f"{stubs}:{os.environ['PATH']}"}
     found: list[tuple[Block, Call]] = []
     before = ""

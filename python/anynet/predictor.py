@@ -257,7 +257,7 @@ class _Frame:
 
     def maps(self, stage: int, result: StageResult, other: StageResult | None) -> _Maps:
         disparity = result()
-        trust = {}
+        trust: dict[str, Any] = {}
         if self._model is not None:
             evidence = gather_evidence(self._network, result, *self._images, self._pixel)
             size = self._images[0].shape[0], self._images[0].shape[1]

@@ -179,7 +179,7 @@ def test_emulated_cuda_refuses_to_normalize(emulated_operators):
 def test_special_values(ops, direction, value):
     input = torch.randn(1, 1, 9, 11, dtype=torch.float64)
     gates = torch.rand(1, 3, 1, 9, 11, dtype=torch.float64) * 0.3
-    # Gates whose neighbour lies outside do not count, whatever they hold.
+    # Gates whose neighbor lies outside do not count, whatever they hold.
     first = {0: (..., slice(0, 1)), 1: (..., slice(-1, None)), 2: (..., slice(0, 1), slice(None))}
     gates[first.get(direction, (..., slice(-1, None), slice(None)))] = value
     out = ops.spatial_propagation(input.to(ops.device), gates.to(ops.device), direction).cpu()

@@ -39,7 +39,9 @@ def check_rectified(
     matches = match_corners(left, right) if matches is None else matches
     if not matches.enough:
         return []
-    return [*_rows(matches), *(_swapped(matches, doffs) or _negative(matches, doffs)), *_beyond(matches, reach)]
+    findings = [*_rows(matches), *_swapped(matches, doffs)]
+    # Of a pair that is unrectified or exchanged, disparities say nothing more.
+    return findings or [*_negative(matches, doffs), *_beyond(matches, reach)]
 
 
 def negative_disparities(matches: Matches) -> float:

@@ -73,9 +73,7 @@ def demo(
         float | None, typer.Option(help="Work on the images resized by this factor.", show_default="the weights'")
     ] = None,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
-    view: Annotated[
-        bool, typer.Option("--view", help="Then show the page of `anynet view` on the pair.")
-    ] = False,
+    view: Annotated[bool, typer.Option("--view", help="Then show the page of `anynet view` on the pair.")] = False,
 ) -> None:
     """Every stage on one pair: a table of times and errors, a picture of the stages, a point cloud.
 

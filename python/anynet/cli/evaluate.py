@@ -35,7 +35,12 @@ class Region(str, Enum):
 
 @telling_warnings
 def evaluate(
-    data: Annotated[list[str], typer.Option(help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...]; repeatable.")],
+    data: Annotated[
+        list[str],
+        typer.Option(
+            help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...]: folders:, csv:, ... (docs/data.md); repeatable."
+        ),
+    ],
     weights: Annotated[
         list[str] | None,
         typer.Option(help="Weights of any network, a packaged name or a file; repeatable. [default: default]"),

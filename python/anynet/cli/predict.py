@@ -53,7 +53,7 @@ class Request:
     told: list[str]
     """Warnings about the calibration, which are those of every pair."""
     trust: Trust
-    asked: dict[str, bool]
+    asked: dict[str, Any]
     """Of every estimate beside the disparity."""
 
 

@@ -65,9 +65,9 @@ def evaluate_confidence(
             calibrations.setdefault(estimate.stage, Calibration()).add(confidence, correct)
     scores = {}
     for stage, rows in images.items():
-        *means, _ = np.mean(rows, axis=0)
+        d1, sparse, oracle, area, _ = map(float, np.mean(rows, axis=0))
         milliseconds = float(np.median([row[-1] for row in rows]))
-        scores[stage] = ConfidenceScores(*means, calibrations[stage].error, milliseconds)
+        scores[stage] = ConfidenceScores(d1, sparse, oracle, area, calibrations[stage].error, milliseconds)
     return scores
 
 

@@ -102,4 +102,5 @@ class Distribution(NamedTuple):
         if self.offsets is not None:
             mean = mean + (weight[count:] * self.offsets[0]).sum(0)
             square = square + (weight[count:] * self.offsets[0] ** 2).sum(0)
-        return (square - mean**2).clamp_(min=0).sqrt_()
+        spread: Tensor = (square - mean**2).clamp_(min=0).sqrt_()
+        return spread

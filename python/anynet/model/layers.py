@@ -26,7 +26,7 @@ class Convolution(nn.Module):
         self.stride = stride
         self.weight = nn.Parameter(torch.empty(outputs, inputs, *[3] * dims))
         self.bias = nn.Parameter(torch.zeros(outputs)) if bias else None
-        nn.init.normal_(self.weight, std=math.sqrt(2 / (3**dims * outputs)))
+        init_normal(self.weight, math.sqrt(2 / (3**dims * outputs)))
 
     def forward(self, x: Tensor, relu_in: bool = False) -> Tensor:
         volume = self.weight.dim() == 5
@@ -45,6 +45,12 @@ class Convolution(nn.Module):
             weight = (weight * scale.view(-1, *[1] * (weight.dim() - 1))).contiguous()
             bias = shift if bias is None else shift + scale * bias
         return DeployedConvolution(weight, bias, affine_in, self.stride, relu_out)
+
+
+def init_normal(weight: Tensor, std: float) -> None:
+    """Random values; none on the meta device, where they would only import PyTorch's compiler."""
+    if not weight.is_meta:
+        nn.init.normal_(weight, std=std)
 
 
 def few_channels(weight: Tensor) -> bool:

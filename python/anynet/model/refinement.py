@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from anynet.model.config import MEAN, STD, RefinementConfig
-from anynet.model.layers import Convolution, run
+from anynet.model.layers import Convolution, init_normal, run
 from anynet_ext import reference, resize, spatial_propagation, warp
 
 _ops = torch.ops.anynet
@@ -36,7 +36,7 @@ class Refinement(nn.Module):
                 self.upsampling.bias.copy_(bilinear_logits())
         # Begins as nearly the identity: from random scales, the first hundreds of steps go into unlearning them.
         for layer, gain in ((self.expand, 1.0), (self.reduce, 1 / c)):
-            nn.init.normal_(layer.weight, std=0.1 * gain)
+            init_normal(layer.weight, 0.1 * gain)
             with torch.no_grad():
                 layer.weight[:, :, 1, 1] += gain
 

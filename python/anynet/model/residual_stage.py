@@ -106,9 +106,10 @@ class DeployedFullRangeStage(nn.Module):
         self.volume = DeployedCostVolume(stage.groups, self.first, last, affine_of(begin.norm))
         self.layers = deploy_chain(list(stage.network), activated=True)
 
-    def forward(self, features: Tensor, disparity: Tensor) -> Tensor:
-        out: Tensor = _ops.soft_argmin.default(run(self.layers, self.volume(features))[:, 0], self.first)
-        return out
+    def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
+        cost = run(self.layers, self.volume(features))[:, 0]
+        out: Tensor = _ops.soft_argmin.default(cost, self.first)
+        return out, Distribution(cost, self.first)
 
 
 class CandidateStage(nn.Module):

@@ -55,7 +55,9 @@ class Recipe:
     Lengths are in steps (optimizer updates) unless a name says epochs; sizes are (height, width) in pixels.
     """
 
-    data: tuple[str, ...] = _option((), "Training data, KIND:ROOT[?OPTION=VALUE&...]; several are joined.")
+    data: tuple[str, ...] = _option(
+        (), "Training data, KIND:ROOT[?OPTION=VALUE&...]: folders:, csv:, ... (docs/data.md); several are joined."
+    )
     validation: tuple[str, ...] = _option((), "Data to measure on while training, KIND:ROOT[?OPTION=VALUE&...].")
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
     input_scale: float | None = _option(None, "Resize the images by this factor first. Default: what the weights say.")
@@ -201,7 +203,7 @@ PRESETS: dict[str, Recipe] = {
     # The paper, section IV-A.
     "paper-sceneflow": Recipe(epochs=10, learning_rate=5e-4, schedule="constant", augment=False, max_grad_norm=0.0),
     "paper-kitti": Recipe(epochs=300, learning_rate=5e-4, schedule="step", augment=False, max_grad_norm=0.0),
-    # The weights that ship; what differs from the paper, and why, is in docs/training.md.
+    # The weights that ship; what differs from the paper, and why, is in docs/weights.md.
     "default": Recipe(network=presets.default(), steps=8_000, learning_rate=2e-3, warmup_steps=100),
     "large": Recipe(
         network=presets.large(), steps=7_000, batch_size=4, learning_rate=2e-3, warmup_steps=100, occluded_weight=0.2

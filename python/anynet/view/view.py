@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -152,7 +153,7 @@ class View:
         self.page.show(pair.left, estimate, kept)
         self.page.show_cloud(calibration.points(depth)[near], pair.left[near], calibration)
         self._shown.append(perf_counter())
-        self.page.tell(self._status(frame, pair, estimate, times, np.count_nonzero(near)))
+        self.page.tell(self._status(frame, pair, estimate, times, int(np.count_nonzero(near))))
         self.estimate = estimate
         if self.page.save.is_set():
             self.page.save.clear()
@@ -166,7 +167,7 @@ class View:
             self._predictor = Predictor(settings.weights, threads=self._threads, input_scale=settings.input_scale)
             self._key = key
         predictor = pair.predictor(self._predictor)
-        asked = {"confidence": True, "left_right": settings.left_right}
+        asked: dict[str, Any] = {"confidence": True, "left_right": settings.left_right}
         kind = (*key, pair.left.shape, settings.left_right)
         if kind not in self._times:
             for _ in range(2):  # the first pays for the memory

@@ -159,7 +159,9 @@ def test_near(predict: Predict, pictures: Path) -> None:
     assert any("(ndisp)" in warning and "--input-scale" in warning for warning in report["warnings"])
     assert any("matched corners have disparities above 192" in warning for warning in report["warnings"])
     scaled = ("--calib", pictures / "near/calib.txt", "--input-scale", 0.5)
-    assert predict("near/left.png", "near/right.png", *scaled)[1]["warnings"] == []
+    assert not any(
+        "--input-scale" in warning for warning in predict("near/left.png", "near/right.png", *scaled)[1]["warnings"]
+    )
 
 
 def test_far_apart(predict: Predict) -> None:

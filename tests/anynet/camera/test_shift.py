@@ -16,7 +16,7 @@ class Oracle:
 
     config = "its configuration"
 
-    def stages(self, left: np.ndarray, right: np.ndarray) -> Iterator[Estimate]:
+    def stages(self, left: np.ndarray, right: np.ndarray, **_: object) -> Iterator[Estimate]:
         assert left.shape == right.shape
         columns: dict[int, int] = {}
         for x, value in enumerate(right[0, :, 0]):
@@ -24,7 +24,9 @@ class Oracle:
         row = [x - columns.get(int(value), x) for x, value in enumerate(left[0, :, 0])]
         yield Estimate(1, np.tile(np.array(row, np.float32), (len(left), 1)), 1.0)
 
-    def predict(self, left: np.ndarray, right: np.ndarray, budget_ms: float | None, stage: int | None) -> Estimate:
+    def predict(
+        self, left: np.ndarray, right: np.ndarray, budget_ms: float | None, stage: int | None, **_: object
+    ) -> Estimate:
         assert (budget_ms, stage) == (5, 2)
         return next(self.stages(left, right))
 
