@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -62,29 +63,42 @@ def few_channels(weight: Tensor) -> bool:
 class DeployedConvolution(nn.Module):
     """relu_out(weight * relu(scale x + shift) + bias), in one operator."""
 
+    weight: Tensor
+
     def __init__(self, weight: Tensor, bias: Tensor | None, affine: Affine | None, stride: int, relu_out: bool) -> None:
         super().__init__()
         scale, shift = affine or (None, None)
-        self.weight: Tensor
-        self.bias: Tensor | None
-        self.scale: Tensor | None
-        self.shift: Tensor | None
         for name, value in (("weight", weight), ("bias", bias), ("scale", scale), ("shift", shift)):
             self.register_buffer(name, value)
-        self.stride, self.relu_out = stride, relu_out
+        self._rest = stride, affine is not None, relu_out
+        self._kind = weight.dim() if few_channels(weight) else 0
 
     def forward(self, x: Tensor) -> Tensor:
-        relu_in = self.scale is not None
-        if few_channels(self.weight):
-            op = _ops.conv3x3.default if self.weight.dim() == 4 else _ops.conv3x3x3.default
-            out: Tensor = op(x, self.weight, self.bias, self.scale, self.shift, self.stride, relu_in, self.relu_out)
-            return out
-        if self.scale is not None and self.shift is not None:
-            shape = [-1] + [1] * (x.dim() - 2)
-            x = F.relu(torch.addcmul(self.shift.view(shape), x, self.scale.view(shape)))
-        convolution = F.conv2d if self.weight.dim() == 4 else F.conv3d
-        x = convolution(x, self.weight, self.bias, self.stride, padding=1)
-        return F.relu(x) if self.relu_out else x
+        own = self._buffers  # a small convolution takes no longer than four attributes of a module
+        out: Tensor = _CONVOLUTIONS[self._kind](x, own["weight"], own["bias"], own["scale"], own["shift"], *self._rest)
+        return out
+
+
+def _convolution(
+    x: Tensor,
+    weight: Tensor,
+    bias: Tensor | None,
+    scale: Tensor | None,
+    shift: Tensor | None,
+    stride: int,
+    relu_in: bool,
+    relu_out: bool,
+) -> Tensor:
+    """What our operators compute, by PyTorch's."""
+    if scale is not None and shift is not None:
+        shape = [-1] + [1] * (x.dim() - 2)
+        x = torch.addcmul(shift.view(shape), x, scale.view(shape))
+    convolution = F.conv2d if weight.dim() == 4 else F.conv3d
+    x = convolution(F.relu(x) if relu_in else x, weight, bias, stride, padding=1)
+    return F.relu(x) if relu_out else x
+
+
+_CONVOLUTIONS: dict[int, Callable[..., Any]] = {0: _convolution, 4: _ops.conv3x3.default, 5: _ops.conv3x3x3.default}
 
 
 class PreActivation(nn.Module):
