@@ -156,12 +156,19 @@ class Predictor:
         Raises:
             AnyNetError: if an argument is not that.
         """
-        with computing():
-            start = perf_counter()
-            frame = self._frame("predict", left, right, confidence, left_right, view)
-            return self._predict(frame, budget_ms, stage, start)
+        with computing():  # until the last tensor is gone
+            return self._predict(left, right, budget_ms, stage, (confidence, left_right, view))
 
-    def _predict(self, frame: _Frame, budget_ms: float | None, stage: int | None, start: float) -> Estimate:
+    def _predict(
+        self,
+        left: NDArray[np.uint8],
+        right: NDArray[np.uint8],
+        budget_ms: float | None,
+        stage: int | None,
+        asked: tuple[bool, bool, str],
+    ) -> Estimate:
+        start = perf_counter()
+        frame = self._frame("predict", left, right, *asked)
         if stage is None:
             stage = self.config.stages
         elif type(stage) is not int or not 1 <= stage <= self.config.stages:
@@ -273,10 +280,14 @@ class _Frame:
         return _Maps(self._resized(disparity, self._pixel), trust)
 
     def _resized(self, values: Tensor, gain: float = 1.0) -> NDArray[np.float32]:
+        """A map at the caller's size, in memory that is no tensor's: freeing those needs the interpreter's lock twice,
+        and a daemon thread that waits for it at exit ends the process."""
+        array: NDArray[Any] = values.numpy()
         if values.shape != self._size:
             height, width = self._size
-            values = torch.from_numpy(cv2.resize(values.numpy(), (width, height))).mul_(gain)
-        return (values.flip(1) if self._mirrored else values).numpy()
+            array = cv2.resize(array, (width, height))
+            array *= np.float32(gain)
+        return (array[:, ::-1] if self._mirrored else array).copy()
 
 
 def _mirror(images: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:

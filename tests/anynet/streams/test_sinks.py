@@ -14,6 +14,7 @@ from anynet.camera import Calibration, PreparedPair
 from anynet.errors import AnyNetError
 from anynet.streams import Frame, Recorder, Recording, Result, Video
 from anynet.streams.sinks import millimeters
+from anynet.trust import within_reach
 
 pytest.importorskip("rosbags", reason="the extra ros is not installed")
 
@@ -47,7 +48,7 @@ def depth_of(result: Result) -> np.ndarray:
     return 12 / (result.estimate.disparity + 3)
 
 
-def check(result: Result, messages: dict[str, object], log_time: int, max_depth: float = np.inf) -> None:
+def check(result: Result, messages: dict[str, object], log_time: int, max_depth: float | None = None) -> None:
     """The messages of one frame, decoded by whichever library."""
     index = int(result.frame.name)
     assert log_time == STAMPS[index]
@@ -73,7 +74,9 @@ def check(result: Result, messages: dict[str, object], log_time: int, max_depth:
     cloud = messages["/stereo/points"]
     fields = [(field.name, field.offset, field.datatype, field.count) for field in cloud.fields]
     assert fields == [("x", 0, 7, 1), ("y", 4, 7, 1), ("z", 8, 7, 1), ("rgb", 12, 7, 1)]
-    near = depth_of(result) <= max_depth
+    assert result.pair.calibration is not None
+    near = within_reach(depth_of(result), result.pair.calibration, max_depth)
+    assert near.any()
     assert (cloud.height, cloud.width, cloud.point_step) == (1, near.sum(), 16)
     points = np.frombuffer(bytes(cloud.data), [("xyz", "<f4", 3), ("rgb", "<u4")])
     rows, columns = np.nonzero(near)
