@@ -47,7 +47,6 @@ class _Frame:
 
 if TYPE_CHECKING:
     from anynet.camera import ShiftedPredictor
-
 _Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
