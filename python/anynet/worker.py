@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from anynet.errors import AnyNetError
-from anynet.predictor import Estimate, Predictor, check_images
+from anynet.frame import check_images
+from anynet.predictor import Estimate, Predictor
 from anynet.scheduler import Latency
 
 
@@ -46,7 +47,6 @@ class _Frame:
 
 if TYPE_CHECKING:
     from anynet.camera import ShiftedPredictor
-
 _Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 

@@ -217,7 +217,7 @@ def d1_per_pair(weights: str, names: list[str]) -> np.ndarray:
         missing = [(368 - image.shape[0], 0), (1232 - image.shape[1], 0)]
         return np.pad(image, missing + [(0, 0)] * (image.ndim - 2))
 
-    def normalised(path: Path) -> torch.Tensor:
+    def normalized(path: Path) -> torch.Tensor:
         rgb = crop(cv2.imread(str(path))[..., ::-1]) / 255
         return torch.from_numpy((rgb - MEAN) / STD).permute(2, 0, 1)[None].float()
 
@@ -228,7 +228,7 @@ def d1_per_pair(weights: str, names: list[str]) -> np.ndarray:
         truth = crop(cv2.imread(str(folder / "disp_noc_0" / name), cv2.IMREAD_UNCHANGED)) / 256
         known = (truth > 0) & (truth < 192)
         with torch.inference_mode():
-            estimates = model(normalised(folder / "image_2" / name), normalised(folder / "image_3" / name))
+            estimates = model(normalized(folder / "image_2" / name), normalized(folder / "image_3" / name))
         errors = [np.abs(e[0, 0].numpy() - truth)[known] for e in estimates]
         rows.append([100 * np.mean((e > 3) & (e > 0.05 * truth[known])) for e in errors])
     return np.array(rows)

@@ -25,8 +25,9 @@ from anynet.baselines.psmnet import PSMNet, PSMNetBasic
 from anynet.baselines.stereodnn import NVTiny, ResNet18Correlation
 from anynet.baselines.stereonet import StereoNet
 from anynet.errors import AnyNetError, one_line
+from anynet.frame import check_images
 from anynet.model.config import INPUT_SCALES, MEAN, STD
-from anynet.predictor import Estimate, check_images
+from anynet.predictor import Estimate
 from anynet_ext import resize
 
 MODELS: dict[str, Callable[[int], Baseline]] = {

@@ -12,13 +12,13 @@ from plyfile import PlyData, PlyElement
 from anynet.io.files import write_atomically
 
 
-def write_ply(path: str | Path, points: npt.NDArray[np.float32], colours: npt.NDArray[np.uint8]) -> None:
-    """Writes coloured points as a binary PLY, atomically; points with a NaN are left out.
+def write_ply(path: str | Path, points: npt.NDArray[np.float32], colors: npt.NDArray[np.uint8]) -> None:
+    """Writes colored points as a binary PLY, atomically; points with a NaN are left out.
 
     Args:
         path: the file.
         points: float32 [..., 3], metres; x to the right, y down, z forward.
-        colours: uint8 [..., 3], RGB of the same points.
+        colors: uint8 [..., 3], RGB of the same points.
 
     Raises:
         AnyNetError: if the file cannot be written.
@@ -29,7 +29,7 @@ def write_ply(path: str | Path, points: npt.NDArray[np.float32], colours: npt.ND
     for axis, name in enumerate("xyz"):
         vertices[name] = points[known][:, axis]
     for channel, name in enumerate(("red", "green", "blue")):
-        vertices[name] = colours[known][:, channel]
+        vertices[name] = colors[known][:, channel]
     buffer = io.BytesIO()
     comments = ["metres; x right, y down, z forward"]
     PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<", comments=comments).write(buffer)

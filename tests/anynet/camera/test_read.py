@@ -82,11 +82,11 @@ def test_kitti_object_and_raw(tmp_path: Path) -> None:
     assert calibration == Calibration(700, 0.54, 600, 170, 0, (1242, 375))
 
 
-def test_kitti_grey_pair(tmp_path: Path) -> None:
-    grey = KITTI.replace("P2", "P0").replace("P3", "P1")
-    assert read_calibration(file(tmp_path, grey)) == read_calibration(file(tmp_path, KITTI))
-    colour_wins = grey.replace("700", "500") + KITTI
-    assert read_calibration(file(tmp_path, colour_wins)).focal == 700
+def test_kitti_gray_pair(tmp_path: Path) -> None:
+    gray = KITTI.replace("P2", "P0").replace("P3", "P1")
+    assert read_calibration(file(tmp_path, gray)) == read_calibration(file(tmp_path, KITTI))
+    color_wins = gray.replace("700", "500") + KITTI
+    assert read_calibration(file(tmp_path, color_wins)).focal == 700
 
 
 def test_opencv_q_is_that_of_stereo_rectify(tmp_path: Path) -> None:

@@ -62,18 +62,18 @@ def test_unequal_sizes(run: Run, pair: tuple[Path, Path], weights: Path, tmp_pat
     refused(run, tmp_path / "out", message, *pair, "--weights", weights)
 
 
-@pytest.mark.parametrize("kind", ["grey", "16 bit", "alpha"])
+@pytest.mark.parametrize("kind", ["gray", "16 bit", "alpha"])
 def test_other_images_are_converted(
     run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path, kind: str
 ) -> None:
-    grey = [read_image(path)[..., 1] for path in pair]
-    for path, image in zip(pair, grey, strict=True):
+    gray = [read_image(path)[..., 1] for path in pair]
+    for path, image in zip(pair, gray, strict=True):
         write_image(path, np.repeat(image[..., None], 3, axis=2))
     arguments = ("predict", *pair, "--weights", weights, "--format", "npy", "--json", "--out")
     assert run(*arguments, tmp_path / "rgb").status == 0
-    for path, image in zip(pair, grey, strict=True):
+    for path, image in zip(pair, gray, strict=True):
         other = {
-            "grey": image,
+            "gray": image,
             "16 bit": image.astype(np.uint16) * 257,
             "alpha": np.dstack([image, image, image, np.full_like(image, 9)]),
         }[kind]

@@ -50,8 +50,8 @@ def test_png_of_8_bits_needs_its_scale(tmp_path: Path) -> None:
         read_disparity(path)
 
 
-def test_png_of_colours_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "colour.png"
+def test_png_of_colors_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "color.png"
     Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(path)
     with pytest.raises(AnyNetError, match="expected one channel of disparity, got an image of mode RGB"):
         read_disparity(path)
@@ -177,7 +177,7 @@ def test_real_files() -> None:
         ("motorcycle", "motorcycle_left.png", "motorcycle_right.png", "motorcycle_disp.npz"),
     ],
 )
-def test_real_disparities_lead_to_the_same_colour(folder: str, left: str, right: str, truth: str) -> None:
+def test_real_disparities_lead_to_the_same_color(folder: str, left: str, right: str, truth: str) -> None:
     images = read_pair(SHARED / folder / left, SHARED / folder / right)
     disparity = read_disparity(SHARED / folder / truth)
 

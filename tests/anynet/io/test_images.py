@@ -41,12 +41,12 @@ def test_rgb_comes_back(tmp_path: Path, ending: str) -> None:
     read[0] = 0  # not a read-only view
 
 
-def test_grey_is_repeated(tmp_path: Path) -> None:
-    read = read_image(save(tmp_path / "grey.png", RGB[..., 0]))
+def test_gray_is_repeated(tmp_path: Path) -> None:
+    read = read_image(save(tmp_path / "gray.png", RGB[..., 0]))
     np.testing.assert_array_equal(read, RGB[..., :1].repeat(3, 2))
 
 
-def test_palette_gives_its_colours(tmp_path: Path) -> None:
+def test_palette_gives_its_colors(tmp_path: Path) -> None:
     path = save(tmp_path / "palette.png", RGB // 128 * 255, "P")
     with Image.open(path) as image:
         assert image.mode == "P"
@@ -64,13 +64,13 @@ def test_alpha_is_dropped_with_a_warning(tmp_path: Path, channels: int) -> None:
 
 
 @pytest.mark.parametrize("ending", ["png", "tiff"])
-def test_16_bit_grey_is_scaled(tmp_path: Path, ending: str) -> None:
+def test_16_bit_gray_is_scaled(tmp_path: Path, ending: str) -> None:
     values = np.array([[0, 128, 129, 257, 32896, 65535]], np.uint16)
     read = read_image(save(tmp_path / f"deep.{ending}", values))
     np.testing.assert_array_equal(read[..., 1], [[0, 0, 1, 1, 128, 255]])
 
 
-def test_16_bit_colour_is_scaled(tmp_path: Path) -> None:
+def test_16_bit_color_is_scaled(tmp_path: Path) -> None:
     path = tmp_path / "deep.png"
     cv2.imwrite(str(path), RGB[..., ::-1].astype(np.uint16) * 257)
     np.testing.assert_array_equal(read_image(path), RGB)

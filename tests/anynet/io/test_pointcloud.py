@@ -8,11 +8,11 @@ from plyfile import PlyData
 from anynet.io import write_ply
 
 
-def test_points_and_colours_without_unknown(tmp_path: Path) -> None:
+def test_points_and_colors_without_unknown(tmp_path: Path) -> None:
     points = np.arange(18, dtype=np.float32).reshape(2, 3, 3)
     points[0, 1, 2] = np.nan
-    colours = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
-    write_ply(tmp_path / "cloud.ply", points, colours)
+    colors = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
+    write_ply(tmp_path / "cloud.ply", points, colors)
     ply = PlyData.read(tmp_path / "cloud.ply")
     assert not ply.text
     assert ply.byte_order == "<"
@@ -21,7 +21,7 @@ def test_points_and_colours_without_unknown(tmp_path: Path) -> None:
     kept = [0, 2, 3, 4, 5]
     np.testing.assert_array_equal(np.stack([vertices[n] for n in "xyz"], 1), points.reshape(-1, 3)[kept])
     np.testing.assert_array_equal(
-        np.stack([vertices[n] for n in ("red", "green", "blue")], 1), colours.reshape(-1, 3)[kept]
+        np.stack([vertices[n] for n in ("red", "green", "blue")], 1), colors.reshape(-1, 3)[kept]
     )
 
 

@@ -3,7 +3,7 @@
 // Each CUDA thread is a fiber. Blocks run one after another; inside a block the fibers run in turn, from one barrier to
 // the next, in an order that changes at every turn. Only what our kernels use is here. Shared memory is dynamic
 // (SharedMemory in csrc/kernels/common/cuda.h); each array is an allocation of its own, so AddressSanitizer guards its
-// ends. ThreadSanitizer sees every fiber as a thread that only barriers synchronise, so it reports a missing barrier or
+// ends. ThreadSanitizer sees every fiber as a thread that only barriers synchronize, so it reports a missing barrier or
 // two threads that update one address, whatever order they happened to run in.
 //
 // What it cannot show: warps in lockstep, the GPU's memory model, speed.

@@ -1,5 +1,5 @@
 // The scheduler of the emulator. Compiled without ThreadSanitizer's instrumentation: it moves between fibers that the
-// sanitizer is to treat as unsynchronised threads, and tells it so.
+// sanitizer is to treat as unsynchronized threads, and tells it so.
 #include <ucontext.h>
 
 #include <algorithm>
@@ -26,7 +26,7 @@ constexpr unsigned warp_size = 32;
 struct Barrier {
   unsigned arrived = 0;
   unsigned generation = 0;
-  char sync[2];  // what ThreadSanitizer is told about, in turn, so that neighbouring generations stay apart
+  char sync[2];  // what ThreadSanitizer is told about, in turn, so that neighboring generations stay apart
 };
 
 /// What a fiber needs that is costly to make: kept from launch to launch.
@@ -209,7 +209,7 @@ void* shared_array(int index, size_t bytes) {
                        " bytes of shared memory, the launch gives " + std::to_string(machine->shared_bytes);
       to_scheduler();
     }
-    // Not initialised, as on a GPU: what a kernel reads before writing is garbage.
+    // Not initialized, as on a GPU: what a kernel reads before writing is garbage.
     machine->shared.push_back({std::unique_ptr<char[]>(new char[bytes]), bytes});
     memset(machine->shared.back().data.get(), 0xff, bytes);
 #ifdef EMULATOR_TSAN
