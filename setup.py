@@ -24,6 +24,17 @@ from backend import OLDEST_TORCH, find_opencv, find_torch  # noqa: E402
 KERNELS = os.environ.get("ANYNET_KERNELS", "ON")
 
 
+def own_pybind11(folder: Path) -> Path:
+    """pybind11's CMake files in a copy of it that stays: with an isolated build's own, which is gone when the next one
+    starts, everything would be compiled anew."""
+    import pybind11
+
+    package = folder / f"pybind11-{pybind11.__version__}"
+    if not package.exists():
+        shutil.copytree(Path(pybind11.__file__).parent, package)
+    return package / "share" / "cmake" / "pybind11"
+
+
 class CleanBuild(build):
     """Packages what this build makes, and nothing that an earlier one left behind."""
 
@@ -56,9 +67,7 @@ class CMakeBuild(build_ext):
             *shlex.split(os.environ.get("CMAKE_ARGS", "")),
         ]
         if KERNELS == "ON":
-            import pybind11
-
-            configure += [f"-Dpybind11_DIR={pybind11.get_cmake_dir()}", f"-DPython_EXECUTABLE={sys.executable}"]
+            configure += [f"-Dpybind11_DIR={own_pybind11(cmake_build.parent)}", f"-DPython_EXECUTABLE={sys.executable}"]
         subprocess.run(configure, check=True)
         subprocess.run(["cmake", "--build", str(cmake_build)], check=True)
         for old in target.glob("*.so"):
