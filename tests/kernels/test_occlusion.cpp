@@ -18,7 +18,7 @@ void test(Isa isa, int threads, int64_t rows, int64_t width, double pixel) {
     }
     for (int64_t x = 1; x < width; ++x) {
       double leftmost = position(x);
-      for (int64_t i = x; i < width; ++i) leftmost = std::fmin(leftmost, position(i));
+      for (int64_t i = x; i < width; ++i) leftmost = std::min(leftmost, position(i));
       const double gate = clamp((position(x) - leftmost - 0.5) / 2) * (1 - clamp(-position(x) / 2));
       out[x] = (1 - gate) * out[x] + gate * out[x - 1];
     }
