@@ -1,4 +1,7 @@
 #include "../../csrc/kernels/occlusion/occlusion.h"
+
+#include <algorithm>
+
 #include "check.h"
 
 using namespace anynet;
