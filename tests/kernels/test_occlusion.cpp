@@ -1,7 +1,6 @@
-#include "../../csrc/kernels/occlusion/occlusion.h"
-
 #include <algorithm>
 
+#include "../../csrc/kernels/occlusion/occlusion.h"
 #include "check.h"
 
 using namespace anynet;
