@@ -8,7 +8,7 @@ from functools import cache
 from random import Random
 from typing import Any
 
-DOCUMENTED = (RuntimeError, TypeError, ValueError, IndexError)
+DOCUMENTED = (RuntimeError, TypeError, ValueError, IndexError, MemoryError)
 
 # Shapes of each operator's tensors, in order; letters are sizes drawn once per call, h and w are half of H and W.
 SHAPES = {
