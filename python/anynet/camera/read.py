@@ -15,6 +15,7 @@ from anynet.camera.plausibility import check_baseline
 from anynet.camera.rig import StereoRig
 from anynet.camera.units import meters_per
 from anynet.errors import AnyNetError
+from anynet.io.files import telling_damage
 
 _ENDINGS = {".txt", ".yaml", ".yml", ".xml", ".json", ".conf", ".ini", ".cfg"}
 _MOST = 200  # files of a folder
@@ -58,10 +59,11 @@ def read_calibration(
     documents = _in_folder(given[0]) if len(given) == 1 and given[0].is_dir() else [open_document(p) for p in given]
     where = ", ".join(str(document.path) for document in documents)
     try:
-        found = _format(documents).read(documents, request)
-        result = _finished(found, replace or {})
+        with telling_damage(where, "damaged calibration"):
+            found = _format(documents).read(documents, request)
+            result = _finished(found, replace or {})
     except AnyNetError as error:
-        raise AnyNetError(f"{where}: {error}") from error
+        raise AnyNetError(str(error) if where in str(error) else f"{where}: {error}") from error
     for warning in (*found.warnings, *check_baseline(result.baseline)):
         warnings.warn(f"{where}: {warning}", stacklevel=2)
     return result

@@ -202,3 +202,9 @@ def test_kitti_object_depth() -> None:
     depth = read_disparity(SHARED / "kitti_object/gt_depth_map/000001.png")  # the same format, in metres
     disparity = 721.5377 * (44.85728 + 339.5242) / 721.5377 / depth
     np.testing.assert_allclose(calibration.depth(disparity.astype(np.float32)), depth, rtol=1e-5)
+
+
+def test_projections_that_are_none(tmp_path: Path) -> None:
+    """A name with P_rect that is no camera's hides the others."""
+    with pytest.raises(AnyNetError, match=r"calib.*lacks P_rect_0"):
+        read_calibration(file(tmp_path, KITTI + "P_rect_x: 721.5377 0 609\n"))

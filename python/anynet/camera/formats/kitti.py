@@ -75,7 +75,7 @@ def _choose(cameras: Mapping[int, str], request: Request) -> tuple[int, int, str
 
 def _projection(fields: Mapping[str, Tree], cameras: Mapping[int, str], camera: int) -> Matrix:
     if camera not in cameras:
-        some = next(iter(cameras.values()))
+        some = next(iter(cameras.values()), "P_rect_02")
         name = re.sub(r"\d+", lambda digits: f"{camera:0{len(digits.group())}}", some)
         raise AnyNetError(f"the calibration lacks {name}")
     return numbers(fields[cameras[camera]], cameras[camera], 12).reshape(3, 4)
