@@ -22,6 +22,10 @@ from anynet.frame import check_images
 from anynet.predictor import Estimate, Predictor
 from anynet.scheduler import Latency
 
+if TYPE_CHECKING:
+    from anynet.camera import ShiftedPredictor
+_Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
+
 
 @dataclass(frozen=True)
 class Latest(Estimate):
@@ -43,11 +47,6 @@ class _Frame:
     number: int
     stamp: Any
     submitted: float
-
-
-if TYPE_CHECKING:
-    from anynet.camera import ShiftedPredictor
-_Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 class Worker:
