@@ -59,9 +59,8 @@ class Worker:
         predictor: what computes the frames.
         budget_ms: time for one frame, from when it is begun; as for `Predictor.predict`.
         stage: the last stage to compute (default: all of them).
-        preempt: what becomes of the running frame when a newer one is submitted. True: it ends as soon as it has its
-            first estimate, so that every frame begun gives a result, and none is computed longer than the newest one
-            can wait. False: it is computed to its end.
+        preempt: what becomes of the running frame when a newer one is submitted. True: it ends with its first
+            estimate, so that every frame begun gives a result, and the newest waits no longer. False: it is finished.
 
     Raises:
         AnyNetError: if an option is not that.
