@@ -40,6 +40,7 @@ def test_missing_libraries_are_told(tmp_path: Path) -> None:
     code = """
 import sys
 from pathlib import Path
+import torch  # which may lie beside an installed anynet_ext
 sys.path = [entry for entry in sys.path if not Path(entry, "anynet_ext", "_C.so").exists()]
 try:
     import anynet_ext
