@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from typing import Any
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet_ext import batch_norm_relu, conv3x3, conv3x3x3, resize
+from anynet_ext import batch_norm_relu, conv3x3, conv3x3x3, reference, resize
 
 # The operators themselves: what deployed layers pass to them needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -30,11 +29,10 @@ class Convolution(nn.Module):
         init_normal(self.weight, math.sqrt(2 / (3**dims * outputs)))
 
     def forward(self, x: Tensor, relu_in: bool = False) -> Tensor:
-        volume = self.weight.dim() == 5
         if not few_channels(self.weight):
-            convolution = F.conv3d if volume else F.conv2d
-            return convolution(F.relu(x) if relu_in else x, self.weight, self.bias, self.stride, padding=1)
-        return (conv3x3x3 if volume else conv3x3)(x, self.weight, self.bias, stride=self.stride, relu_in=relu_in)
+            return reference.conv3x3(x, self.weight, self.bias, stride=self.stride, relu_in=relu_in)
+        convolution = conv3x3x3 if self.weight.dim() == 5 else conv3x3
+        return convolution(x, self.weight, self.bias, stride=self.stride, relu_in=relu_in)
 
     def deploy(
         self, affine_in: Affine | None = None, affine_out: Affine | None = None, *, relu_out: bool = False
@@ -70,37 +68,23 @@ class DeployedConvolution(nn.Module):
         scale, shift = affine or (None, None)
         for name, value in (("weight", weight), ("bias", bias), ("scale", scale), ("shift", shift)):
             self.register_buffer(name, value)
-        self._rest = stride, affine is not None, relu_out
-        self._kind = weight.dim() if few_channels(weight) else 0
+        self._stride, self._relu_in, self._relu_out = stride, affine is not None, relu_out
+        self._few_channels = few_channels(weight)
 
     def forward(self, x: Tensor) -> Tensor:
         own = self._buffers  # a small convolution takes no longer than four attributes of a module
-        out: Tensor = _CONVOLUTIONS[self._kind](x, own["weight"], own["bias"], own["scale"], own["shift"], *self._rest)
+        weight, bias, scale, shift = own["weight"], own["bias"], own["scale"], own["shift"]
+        assert weight is not None
+        if not self._few_channels:
+            return reference.conv3x3(
+                x, weight, bias, stride=self._stride, scale=scale, shift=shift, relu_in=self._relu_in,
+                relu_out=self._relu_out,
+            )  # fmt: skip
+        op = _ops.conv3x3.default if weight.dim() == 4 else _ops.conv3x3x3.default
+        out: Tensor = op(x, weight, bias, scale, shift, self._stride, self._relu_in, self._relu_out)
         return out
 
     __call__ = forward  # there are dozens of them in a frame, and none has hooks
-
-
-def _convolution(
-    x: Tensor,
-    weight: Tensor,
-    bias: Tensor | None,
-    scale: Tensor | None,
-    shift: Tensor | None,
-    stride: int,
-    relu_in: bool,
-    relu_out: bool,
-) -> Tensor:
-    """What our operators compute, by PyTorch's."""
-    if scale is not None and shift is not None:
-        shape = [-1] + [1] * (x.dim() - 2)
-        x = torch.addcmul(shift.view(shape), x, scale.view(shape))
-    convolution = F.conv2d if weight.dim() == 4 else F.conv3d
-    x = convolution(F.relu(x) if relu_in else x, weight, bias, stride, padding=1)
-    return F.relu(x) if relu_out else x
-
-
-_CONVOLUTIONS: dict[int, Callable[..., Any]] = {0: _convolution, 4: _ops.conv3x3.default, 5: _ops.conv3x3x3.default}
 
 
 class PreActivation(nn.Module):
