@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 from enum import Enum
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
 from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
-    from anynet.camera import Calibration, StereoRig
+    from anynet.camera import Calibration, PairPreparation, StereoRig
 
 
 class CameraPair(str, Enum):
@@ -81,16 +84,31 @@ FixRows = Annotated[
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """What the options say of the cameras."""
+    """What the options say of the cameras; its fields are the options (`with_cameras`)."""
 
-    files: tuple[Path, ...] = ()
-    unit: str | None = None
-    pair: CameraPair | None = None
-    focal: float | None = None
-    baseline: float | None = None
-    cx: float | None = None
-    cy: float | None = None
-    doffs: float | None = None
+    calib: Calib = None
+    calib_unit: CalibUnit = None
+    calib_pair: CalibPair = None
+    focal: Focal = None
+    baseline: Baseline = None
+    cx: Cx = None
+    cy: Cy = None
+    doffs: Doffs = None
+    raw: Raw = None
+    alpha: Alpha = None
+    fix_rows: FixRows = False
+    min_disparity: MinDisparity = None
+    check: Check = True
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether they say anything of a calibration."""
+        return bool(self.calib or self._numbers or self.calib_unit is not None or self.calib_pair is not None)
+
+    @property
+    def _numbers(self) -> dict[str, Any]:
+        given = {name: getattr(self, name) for name in ("focal", "baseline", "cx", "cy", "doffs")}
+        return {name: value for name, value in given.items() if value is not None}
 
     def read(self, image: Path | None = None, size: tuple[int, int] | None = None) -> Calibration | StereoRig | None:
         """The calibration, from files, from numbers, or from both; None if there is neither.
@@ -104,12 +122,13 @@ class CameraOptions:
         """
         from anynet.camera import Calibration, read_calibration
 
-        given = {name: getattr(self, name) for name in ("focal", "baseline", "cx", "cy", "doffs")}
-        numbers = {name: value for name, value in given.items() if value is not None}
-        if self.files:
-            pair = None if self.pair is None else self.pair.value.replace("grey", "gray")
-            return read_calibration(self.files, unit=self.unit, size=size, pair=pair, image=image, replace=numbers)
-        if self.unit is not None or self.pair is not None:
+        numbers = self._numbers
+        if self.calib:
+            pair = None if self.calib_pair is None else self.calib_pair.value.replace("grey", "gray")
+            return read_calibration(
+                self.calib, unit=self.calib_unit, size=size, pair=pair, image=image, replace=numbers
+            )
+        if self.calib_unit is not None or self.calib_pair is not None:
             raise AnyNetError("--calib-unit and --calib-pair belong to --calib")
         if not numbers:
             return None
@@ -117,3 +136,39 @@ class CameraOptions:
         if missing:
             raise AnyNetError(f"the calibration lacks {' and '.join(missing)}")
         return Calibration(**numbers, origin="options")
+
+    def preparation(self, cameras: Calibration | StereoRig | None, input_scale: float | None) -> PairPreparation:
+        """What is done to every pair of these cameras."""
+        from anynet.camera import PairPreparation
+        from anynet.camera.plausibility import reach_of
+
+        return PairPreparation(
+            cameras, raw=self.raw, alpha=self.alpha, check=self.check, fix_rows=self.fix_rows,
+            min_disparity=self.min_disparity, reach=reach_of(input_scale),
+        )  # fmt: skip
+
+
+UNKNOWN = CameraOptions()
+
+
+def with_cameras(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the options of `CameraOptions` in place of its parameter `cameras`."""
+    options = fields(CameraOptions)
+    types = get_type_hints(CameraOptions, include_extras=True)
+    own = get_type_hints(command, include_extras=True)
+    parameters: list[inspect.Parameter] = []
+    for parameter in inspect.signature(command).parameters.values():
+        if parameter.name == "cameras":
+            parameters += [
+                inspect.Parameter(o.name, parameter.kind, default=o.default, annotation=types[o.name]) for o in options
+            ]
+        else:
+            parameters.append(parameter.replace(annotation=own[parameter.name]))
+
+    @wraps(command)
+    def expanded(**given: Any) -> None:
+        cameras = CameraOptions(**{option.name: given.pop(option.name) for option in options})
+        command(**given, cameras=cameras)
+
+    expanded.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return expanded

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,23 +11,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from anynet.cli.calibration import (
-    Alpha,
-    Baseline,
-    Calib,
-    CalibPair,
-    CalibUnit,
-    CameraOptions,
-    Check,
-    Cx,
-    Cy,
-    Doffs,
-    FixRows,
-    Focal,
-    MinDisparity,
-    Raw,
-)
-from anynet.cli.told import collected_warnings
+from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
+from anynet.cli.told import collected_warnings, tell
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
 
@@ -40,6 +24,7 @@ if TYPE_CHECKING:
 _RUNS = 5  # after one to warm up; the table has their medians
 
 
+@with_cameras
 def demo(
     left: Annotated[
         Path | None, typer.Argument(metavar="LEFT", help="Left image of a pair of your own.", show_default=False)
@@ -51,20 +36,8 @@ def demo(
     truth_scale: Annotated[
         float | None, typer.Option(help="Levels per pixel of disparity in a PNG.", show_default="KITTI's 256")
     ] = None,
-    calib: Calib = None,
-    calib_unit: CalibUnit = None,
-    calib_pair: CalibPair = None,
-    focal: Focal = None,
-    baseline: Baseline = None,
-    cx: Cx = None,
-    cy: Cy = None,
-    doffs: Doffs = None,
-    raw: Raw = None,
-    alpha: Alpha = None,
+    cameras: CameraOptions = UNKNOWN,
     save_rectified: Annotated[bool, typer.Option("--save-rectified", help="Write the rectified images too.")] = False,
-    fix_rows: FixRows = False,
-    min_disparity: MinDisparity = None,
-    check: Check = True,
     rendered: Annotated[bool, typer.Option("--rendered", help="Use a rendered scene.")] = False,
     seed: Annotated[int, typer.Option(help="Which rendered scene.")] = 0,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("anynet-demo"),
@@ -83,28 +56,16 @@ def demo(
         raise AnyNetError("expected two images or none")
     if rendered and left is not None:
         raise AnyNetError("--rendered and a pair of images exclude each other")
-    options = CameraOptions(tuple(calib or ()), calib_unit, calib_pair, focal, baseline, cx, cy, doffs)
-    if left is None and (truth or options != CameraOptions()):
+    if left is None and (truth or cameras.calibrated):
         raise AnyNetError("--truth and --calib belong to a pair of images")
-
-    from anynet.camera import PairPreparation
-    from anynet.camera.plausibility import reach_of
 
     with collected_warnings() as told:
         if left is not None and right is not None:
             sample = _own(left, right, truth, truth_scale)
-            cameras = options.read(left, (sample.left.shape[1], sample.left.shape[0]))
+            calibration = cameras.read(left, (sample.left.shape[1], sample.left.shape[0]))
         else:
-            sample, cameras = _rendered(seed) if rendered else _motorcycle()
-        prepare = PairPreparation(
-            cameras,
-            raw=raw,
-            alpha=alpha,
-            check=check,
-            fix_rows=fix_rows,
-            min_disparity=min_disparity,
-            reach=reach_of(input_scale),
-        )
+            sample, calibration = _rendered(seed) if rendered else _motorcycle()
+        prepare = cameras.preparation(calibration, input_scale)
         pair = prepare(sample.left, sample.right)
 
     from anynet import Predictor
@@ -112,8 +73,7 @@ def demo(
     predictor = Predictor(weights, threads=threads, input_scale=input_scale)
     estimates, times = _run(predictor, prepare, sample)
     told += [*pair.warnings, *_truth_findings(sample, estimates[-1], truth)]
-    for warning in told:
-        print(f"anynet: warning: {warning}", file=sys.stderr)
+    tell(told)
     _print_table(sample, estimates, times)
     for file in _write(out, pair, sample, estimates, times, save_rectified):
         print(file)

@@ -11,25 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from anynet.cli.calibration import (
-    Alpha,
-    Baseline,
-    Calib,
-    CalibPair,
-    CalibUnit,
-    CameraOptions,
-    Check,
-    Cx,
-    Cy,
-    Doffs,
-    FixRows,
-    Focal,
-    MinDisparity,
-    Raw,
-)  # fmt: skip
+from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.pairs import Pair, find_pairs
 from anynet.cli.results import DepthFormat, Format, Writer
-from anynet.cli.told import collected_warnings
+from anynet.cli.told import collected_warnings, tell
 from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
@@ -57,6 +42,7 @@ class Request:
     """Of every estimate beside the disparity."""
 
 
+@with_cameras
 def predict(
     left: Annotated[
         str, typer.Argument(metavar="LEFT", help="Left image, folder of left images, or quoted glob pattern.")
@@ -91,31 +77,19 @@ def predict(
         ),
     ] = None,
     all_stages: Annotated[bool, typer.Option("--all-stages", help="Write the earlier stages too.")] = False,
-    calib: Calib = None,
-    calib_unit: CalibUnit = None,
-    calib_pair: CalibPair = None,
-    focal: Focal = None,
-    baseline: Baseline = None,
-    cx: Cx = None,
-    cy: Cy = None,
-    doffs: Doffs = None,
-    raw: Raw = None,
-    alpha: Alpha = None,
+    cameras: CameraOptions = UNKNOWN,
     save_rectified: Annotated[
         bool,
         typer.Option(
             "--save-rectified", help="Write the rectified images too, as NAME_rectified_left and NAME_rectified_right."
         ),
     ] = False,
-    fix_rows: FixRows = False,
-    min_disparity: MinDisparity = None,
     max_depth: MaxDepth = None,
     confidence: Confidence = False,
     left_right: LeftRight = False,
     min_confidence: MinConfidence = 0.0,
     drop_occluded: DropOccluded = False,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
-    check: Check = True,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per pair and line, for machines.")
     ] = False,
@@ -129,21 +103,13 @@ def predict(
     """
     if all_stages and budget_ms is not None:
         raise AnyNetError("--all-stages and --budget-ms exclude each other")
-    if max_depth is not None and not max_depth > 0:
-        raise AnyNetError(f"expected --max-depth > 0, got {max_depth:g}")
     pairs, alone = find_pairs(left, right)
-    options = CameraOptions(tuple(calib or ()), calib_unit, calib_pair, focal, baseline, cx, cy, doffs)
 
-    from anynet.camera import PairPreparation
-    from anynet.camera.plausibility import reach_of
     from anynet.trust import Trust
 
     with collected_warnings() as told:
-        cameras = options.read(pairs[0].left, _size(pairs[0].left))
-    prepare = PairPreparation(
-        cameras, raw=raw, alpha=alpha, check=check, fix_rows=fix_rows, min_disparity=min_disparity,
-        reach=reach_of(input_scale),
-    )  # fmt: skip
+        calibration = cameras.read(pairs[0].left, _size(pairs[0].left))
+    prepare = cameras.preparation(calibration, input_scale)
     writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth)
     trust = Trust(min_confidence, drop_occluded)
     asked = {"confidence": confidence or left_right or trust.asked, "left_right": left_right}
@@ -157,8 +123,7 @@ def predict(
     predictor = Predictor(weights, threads=threads, input_scale=input_scale)
     if stage is not None and stage > predictor.config.stages:
         raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
-    for warning in told:
-        print(f"anynet: warning: {warning}", file=sys.stderr)
+    tell(told)
     failed = 0
     for pair in _progress(pairs):
         try:

@@ -17,25 +17,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from anynet.cli.calibration import (
-    Alpha,
-    Baseline,
-    Calib,
-    CalibPair,
-    CalibUnit,
-    CameraOptions,
-    Check,
-    Cx,
-    Cy,
-    Doffs,
-    FixRows,
-    Focal,
-    MinDisparity,
-    Raw,
-)  # fmt: skip
+from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.results import DepthFormat, Format, Writer
 from anynet.cli.sources import open_source, size_of
-from anynet.cli.told import collected_warnings
+from anynet.cli.told import collected_warnings, tell
 from anynet.cli.trust import MaxDepth
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
@@ -53,6 +38,7 @@ class DepthEncoding(str, Enum):
     millimeters = "16UC1"
 
 
+@with_cameras
 def stream(
     source: Annotated[
         str,
@@ -111,21 +97,9 @@ def stream(
     depth_encoding: Annotated[
         DepthEncoding, typer.Option(help="Recorded depth: float meters, or 16-bit millimeters.")
     ] = DepthEncoding.meters,
-    calib: Calib = None,
-    calib_unit: CalibUnit = None,
-    calib_pair: CalibPair = None,
-    focal: Focal = None,
-    baseline: Baseline = None,
-    cx: Cx = None,
-    cy: Cy = None,
-    doffs: Doffs = None,
-    raw: Raw = None,
-    alpha: Alpha = None,
-    fix_rows: FixRows = False,
-    min_disparity: MinDisparity = None,
+    cameras: CameraOptions = UNKNOWN,
     max_depth: MaxDepth = None,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
-    check: Check = True,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per frame and line, and a last one with a summary.")
     ] = False,
@@ -135,13 +109,8 @@ def stream(
     While a frame is computed, newer ones replace each other; a frame that has its first estimate makes way for a newer
     one. Ctrl-C or SIGTERM ends the stream and completes what is written.
     """
-    if max_depth is not None and not max_depth > 0:
-        raise AnyNetError(f"expected --max-depth > 0, got {max_depth:g}")
     named = (topics or ()) if topic is None else (topic,)
-    camera_options = CameraOptions(tuple(calib or ()), calib_unit, calib_pair, focal, baseline, cx, cy, doffs)
 
-    from anynet.camera import PairPreparation
-    from anynet.camera.plausibility import reach_of
     from anynet.streams import Recorder, Stream, Video
 
     with ExitStack() as stack:
@@ -151,13 +120,9 @@ def stream(
             )
         )
         with collected_warnings() as told:
-            cameras = camera_options.read(Path(source)) or opened.calibration
-        prepare = PairPreparation(
-            cameras, raw=raw, alpha=alpha, check=check, fix_rows=fix_rows, min_disparity=min_disparity,
-            reach=reach_of(input_scale),
-        )  # fmt: skip
-        for warning in (*opened.warnings, *told):
-            print(f"anynet: warning: {warning}", file=sys.stderr)
+            calibration = cameras.read(Path(source)) or opened.calibration
+        prepare = cameras.preparation(calibration, input_scale)
+        tell([*opened.warnings, *told])
 
         from anynet import Predictor  # takes seconds, so after the cheap checks
 
@@ -166,7 +131,7 @@ def stream(
             raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
         running = Stream(
             opened, predictor, prepare=prepare, budget_ms=budget_ms, stage=stage, rate=rate, every_frame=every_frame,
-            watch=check,
+            watch=cameras.check,
         )  # fmt: skip
         writer = None
         if out is not None:

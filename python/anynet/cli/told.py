@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import wraps
 from typing import Any
@@ -20,6 +20,12 @@ def collected_warnings() -> Iterator[list[str]]:
     messages += dict.fromkeys(str(warning.message) for warning in caught)
 
 
+def tell(messages: Iterable[str]) -> None:
+    """Each as a line on stderr."""
+    for message in messages:
+        print(f"anynet: warning: {message}", file=sys.stderr)
+
+
 def telling_warnings(command: Callable[..., None]) -> Callable[..., None]:
     """The command with what it is warned of as lines on stderr, each message once."""
 
@@ -30,7 +36,7 @@ def telling_warnings(command: Callable[..., None]) -> Callable[..., None]:
         def show(message: Warning | str, *_: Any) -> None:
             if str(message) not in told:
                 told.add(str(message))
-                print(f"anynet: warning: {message}", file=sys.stderr)
+                tell([str(message)])
 
         with warnings.catch_warnings():
             warnings.simplefilter("always", UserWarning)

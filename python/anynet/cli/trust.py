@@ -6,6 +6,15 @@ from typing import Annotated
 
 import typer
 
+from anynet.errors import AnyNetError
+
+
+def _positive(depth: float | None) -> float | None:
+    if depth is not None and not depth > 0:
+        raise AnyNetError(f"expected --max-depth > 0, got {depth:g}")
+    return depth
+
+
 Confidence = Annotated[
     bool, typer.Option("--confidence", help="How likely every pixel is right, and what the right camera does not see.")
 ]
@@ -23,6 +32,7 @@ MaxDepth = Annotated[
     float | None,
     typer.Option(
         help="Leave farther points (meters) out of the cloud; inf: none.",
+        callback=_positive,
         show_default="what half a pixel of error still tells to 20 %",
     ),
 ]

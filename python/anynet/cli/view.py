@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 import threading
 from pathlib import Path
 from types import FrameType
@@ -11,24 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from anynet.cli.calibration import (
-    Alpha,
-    Baseline,
-    Calib,
-    CalibPair,
-    CalibUnit,
-    CameraOptions,
-    Check,
-    Cx,
-    Cy,
-    Doffs,
-    FixRows,
-    Focal,
-    MinDisparity,
-    Raw,
-)  # fmt: skip
+from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.sources import open_source, size_of
-from anynet.cli.told import collected_warnings
+from anynet.cli.told import collected_warnings, tell
 
 if TYPE_CHECKING:
     from anynet.camera import PairPreparation
@@ -38,6 +22,7 @@ Host = Annotated[str, typer.Option(help="Where the page listens; 0.0.0.0: for ot
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Of the page; the next free one is taken.")]
 
 
+@with_cameras
 def view(
     source: Annotated[str, typer.Argument(metavar="SOURCE", help="Left image, or a source as of `anynet stream`.")],
     right: Annotated[str | None, typer.Argument(metavar="[RIGHT]", help="The right images.")] = None,
@@ -48,42 +33,21 @@ def view(
     input_scale: Annotated[
         float | None, typer.Option(help="Chosen at first: images are resized by it.", show_default="the weights'")
     ] = None,
-    calib: Calib = None,
-    calib_unit: CalibUnit = None,
-    calib_pair: CalibPair = None,
-    focal: Focal = None,
-    baseline: Baseline = None,
-    cx: Cx = None,
-    cy: Cy = None,
-    doffs: Doffs = None,
-    raw: Raw = None,
-    alpha: Alpha = None,
-    fix_rows: FixRows = False,
-    min_disparity: MinDisparity = None,
+    cameras: CameraOptions = UNKNOWN,
     out: Annotated[Path, typer.Option(help="Folder of what the page's button saves.")] = Path("anynet-view"),
     host: Host = "127.0.0.1",
     port: Port = 8080,
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
-    check: Check = True,
 ) -> None:
     """A page in the browser: images, confidence and cloud, and a slider for the time that a frame may take.
 
     Needs viser: pip install 'anynet[view]'. Ctrl-C ends it.
     """
-    options = CameraOptions(tuple(calib or ()), calib_unit, calib_pair, focal, baseline, cx, cy, doffs)
-
-    from anynet.camera import PairPreparation
-    from anynet.camera.plausibility import reach_of
-
     with open_source(source, right, split=split, rate=rate, size=size_of(size)) as opened:
         with collected_warnings() as told:
-            cameras = options.read(Path(source)) or opened.calibration
-        prepare = PairPreparation(
-            cameras, raw=raw, alpha=alpha, check=check, fix_rows=fix_rows, min_disparity=min_disparity,
-            reach=reach_of(input_scale),
-        )  # fmt: skip
-        for warning in (*opened.warnings, *told):
-            print(f"anynet: warning: {warning}", file=sys.stderr)
+            calibration = cameras.read(Path(source)) or opened.calibration
+        prepare = cameras.preparation(calibration, input_scale)
+        tell([*opened.warnings, *told])
         show(opened, prepare, weights, input_scale, threads, out, host, port)
 
 
