@@ -19,18 +19,24 @@ class _Gate:
     def __init__(self) -> None:
         self._changed = threading.Condition(threading.Lock())
         self._inside = 0
+        self._own = threading.local()  # its `depth`: times that this thread is inside
         self._closed = False
 
     def enter(self) -> None:
+        depth = getattr(self._own, "depth", 0)
+        # One that is inside must get out: the end waits for it.
+        free = depth > 0 or threading.current_thread() is threading.main_thread()
         with self._changed:
-            while self._closed and threading.current_thread() is not threading.main_thread():
+            while self._closed and not free:
                 self._changed.wait()  # forever: the interpreter ends, and this daemon thread with it
             self._inside += 1
+        self._own.depth = depth + 1
 
     def leave(self) -> None:
         with self._changed:
             self._inside -= 1
             self._changed.notify_all()
+        self._own.depth = max(getattr(self._own, "depth", 0) - 1, 0)
 
     def close(self) -> None:
         with self._changed:

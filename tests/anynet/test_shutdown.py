@@ -99,3 +99,28 @@ def test_a_forked_child_does_not_wait_for_its_parents_threads() -> None:
     end.set()
     thread.join()
     assert waited == (child, 0)
+
+
+def test_a_thread_inside_may_enter_again_while_it_closes() -> None:
+    """As a prediction does; the end waits for it, not it for the end."""
+    gate, entered, go = _Gate(), threading.Event(), threading.Event()
+
+    def work() -> None:
+        gate.enter()
+        entered.set()
+        go.wait(10)
+        gate.enter()
+        gate.leave()
+        gate.leave()
+
+    worker = threading.Thread(target=work, daemon=True)
+    worker.start()
+    assert entered.wait(10)
+    closing = threading.Thread(target=gate.close, daemon=True)
+    closing.start()
+    time.sleep(0.05)  # closed by now
+    go.set()
+    closing.join(10)
+    assert not closing.is_alive()
+    worker.join(10)
+    assert not worker.is_alive()
