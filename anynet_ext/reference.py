@@ -203,12 +203,17 @@ def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tens
     return spatial_propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
 
 
+def occlusion_distances(disparity: Tensor) -> tuple[Tensor, Tensor]:
+    """By how many pixels each of [N,1,H,W], in pixels, lands left of the right image, and right of a nearer surface"""
+    position = torch.arange(disparity.shape[-1], dtype=disparity.dtype, device=disparity.device) - disparity
+    return -position, position - position.flip(-1).cummin(-1).values.flip(-1)
+
+
 def occlusion_masks(disparity: Tensor) -> tuple[Tensor, Tensor]:
     """How much each pixel of [N,1,H,W], in pixels, is out of the right image's view, and how much occluded: 0 to 1"""
-    position = torch.arange(disparity.shape[-1], dtype=disparity.dtype, device=disparity.device) - disparity
-    leftmost = position.flip(-1).cummin(-1).values.flip(-1)
+    outside, behind = occlusion_distances(disparity)
     # Over two pixels, so that rounding cannot make a pixel jump from one surface to another.
-    return (-position / 2).clamp(0, 1), ((position - leftmost - 0.5) / 2).clamp(0, 1)
+    return (outside / 2).clamp(0, 1), ((behind - 0.5) / 2).clamp(0, 1)
 
 
 def fill_occlusions(

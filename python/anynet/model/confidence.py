@@ -11,8 +11,9 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from anynet.errors import AnyNetError, one_line
+from anynet.io.files import read_text, write_atomically
 from anynet.model.deploy import DeployedAnyNet, StageResult, sum_at
-from anynet_ext import warp
+from anynet_ext import reference, warp
 
 _ops = torch.ops.anynet
 
@@ -64,7 +65,8 @@ def gather_evidence(
             deviations.insert(0, sum_at([distribution.deviation()], [stride // scale], size, stride))
         step = step.before
     disparity = disparities[-1]
-    behind, outside = _hidden(disparity, scale)
+    outside, behind = (scale * distance for distance in reference.occlusion_distances(disparity / scale))
+    outside.clamp_(min=0)
     lengths = torch.stack(
         [
             disparity.clamp(min=0),
@@ -89,13 +91,6 @@ def _at(result: StageResult, scale: int, size: list[int]) -> Tensor:
     if result.scales[0] < scale:  # by convex upsampling
         return F.avg_pool2d(result.maps[0][None, None], scale // result.scales[0])[0, 0]
     return result.at(scale, size)
-
-
-def _hidden(disparity: Tensor, scale: int) -> tuple[Tensor, Tensor]:
-    """By how many pixels of the images each pixel lies behind something nearer in the right image, and outside it."""
-    lands = torch.arange(disparity.shape[1], dtype=disparity.dtype) * scale - disparity
-    leftmost = lands.flip(1).cummin(1).values.flip(1)
-    return lands - leftmost, (-lands).clamp_(min=0)
 
 
 def _mean3x3(x: Tensor) -> Tensor:
@@ -131,10 +126,11 @@ class ConfidenceModel:
         Raises:
             AnyNetError: if it does not hold finite coefficients for a network of so many stages.
         """
+        text = read_text(path)
         try:
-            content = json.loads(path.read_text())
+            content = json.loads(text)
             models = [[torch.tensor(row, dtype=torch.float32) for row in content[name]] for name in _FIELDS]
-        except (OSError, ValueError, TypeError, KeyError, RuntimeError) as error:
+        except (ValueError, TypeError, KeyError, RuntimeError, RecursionError) as error:
             raise AnyNetError(f"{path}: not a confidence model: {one_line(error)}") from None
         for rows, more in zip(models, (1, 2), strict=True):
             expected = [evidence_count(stage, stage == stages) + more for stage in range(1, stages + 1)]
@@ -145,7 +141,7 @@ class ConfidenceModel:
 
     def write(self, path: Path) -> None:
         content = {name: [[round(float(v), 5) for v in row] for row in getattr(self, name)] for name in _FIELDS}
-        path.write_text(json.dumps(content, indent=1) + "\n")
+        write_atomically(path, (json.dumps(content, indent=1) + "\n").encode())
 
     def probability(
         self, stage: int, evidence: Evidence, size: tuple[int, int], difference: Tensor | None = None
