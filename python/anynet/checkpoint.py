@@ -54,7 +54,7 @@ def load_checkpoint(weights: str | os.PathLike[str], input_scale: float | None =
     config = stored.config if input_scale is None else stored.config.with_input_scale(input_scale)
     with torch.device("meta"):
         model = AnyNet(config)
-    stored.check(model.state_dict())
+    check_tensors(stored.path, config, stored.tensors, model.state_dict())
     model.load_state_dict(stored.tensors, assign=True)
     return model.eval()
 
@@ -107,45 +107,63 @@ class _Checkpoint:
     tensors: dict[str, Tensor]
     metadata: dict[str, Any]
 
-    def __post_init__(self) -> None:
-        for name, tensor in self.tensors.items():
-            if not isinstance(tensor, Tensor):
-                raise AnyNetError(f"{self.path}: expected {name} as a tensor, got {type(tensor).__name__}")
-            if tensor.is_floating_point() and not tensor.isfinite().all():
-                raise AnyNetError(f"{self.path}: expected finite weights, got NaN or infinity in {name}")
 
-    def check(self, own: Mapping[str, Tensor]) -> None:
-        """Raises AnyNetError unless these are the tensors of a network whose own are `own`."""
+def check_finite(path: Path, tensors: Mapping[str, Tensor]) -> None:
+    """Raises AnyNetError if one of a file's tensors is none, or not finite."""
+    for name, tensor in tensors.items():
+        if not isinstance(tensor, Tensor):
+            raise AnyNetError(f"{path}: expected {name} as a tensor, got {type(tensor).__name__}")
+        if tensor.is_floating_point() and not tensor.isfinite().all():
+            raise AnyNetError(f"{path}: expected finite weights, got NaN or infinity in {name}")
 
-        def expected(what: str) -> AnyNetError:
-            return AnyNetError(f"{self.path}: expected weights of {self.config}; {what}")
 
-        if surplus := [name for name in self.tensors if name not in own]:
-            raise expected(f"the network has no {', '.join(surplus)[:200]}")
-        for name, tensor in own.items():
-            stored = self.tensors.get(name)
-            if stored is None:
-                raise expected(f"{name} is missing")
-            if stored.shape != tensor.shape:
-                raise expected(f"{name} has shape {list(stored.shape)}, not {list(tensor.shape)}")
-            if stored.dtype != tensor.dtype:
-                raise expected(f"{name} is {stored.dtype}, not {tensor.dtype}")
+def check_tensors(path: Path, config: object, tensors: Mapping[str, Tensor], own: Mapping[str, Tensor]) -> None:
+    """Raises AnyNetError unless a file's tensors are those of the configured network, whose own are `own`."""
+
+    def expected(what: str) -> AnyNetError:
+        return AnyNetError(f"{path}: expected weights of {config}; {what}")
+
+    if surplus := [name for name in tensors if name not in own]:
+        raise expected(f"the network has no {', '.join(surplus)[:200]}")
+    for name, tensor in own.items():
+        stored = tensors.get(name)
+        if stored is None:
+            raise expected(f"{name} is missing")
+        if stored.shape != tensor.shape:
+            raise expected(f"{name} has shape {list(stored.shape)}, not {list(tensor.shape)}")
+        if stored.dtype != tensor.dtype:
+            raise expected(f"{name} is {stored.dtype}, not {tensor.dtype}")
 
 
 def _read(path: Path) -> _Checkpoint:
     try:
-        size = path.stat().st_size
-        if size > LIMIT:
-            raise AnyNetError(f"{path}: expected a file of at most {LIMIT} bytes, got {size}")
         with path.open("rb") as file:
             # A safetensors file begins with the length of its JSON header, 8 bytes, and then the header.
             ours = file.read(9)[8:] == b"{"
-        return _read_safetensors(path) if ours else _Checkpoint(path, authors(), read_authors(path), {})
+        if ours:
+            return _ours(path, *read_safetensors(path))
+        _check_size(path)
+        tensors = read_authors(path)
     except OSError as error:
         raise AnyNetError(f"{path}: cannot be read: {error.strerror}") from None
+    check_finite(path, tensors)
+    return _Checkpoint(path, authors(), tensors, {})
 
 
-def _read_safetensors(path: Path) -> _Checkpoint:
+def _check_size(path: Path) -> None:
+    size = path.stat().st_size
+    if size > LIMIT:
+        raise AnyNetError(f"{path}: expected a file of at most {LIMIT} bytes, got {size}")
+
+
+def read_safetensors(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """The texts in the header of such a file, and its tensors.
+
+    Raises:
+        AnyNetError: if it is not sound, larger than `LIMIT`, or not all of it is finite.
+        OSError: if it cannot be read.
+    """
+    _check_size(path)
     try:
         with safe_open(path, "pt") as file:
             header = file.metadata() or {}
@@ -155,20 +173,27 @@ def _read_safetensors(path: Path) -> _Checkpoint:
         raise
     except (SafetensorError, ValueError, TypeError, RuntimeError, AttributeError) as error:
         raise AnyNetError(f"{path}: not a sound .safetensors file: {one_line(error)}") from None
+    check_finite(path, tensors)
+    return header, tensors
+
+
+def _ours(path: Path, header: Mapping[str, str], tensors: dict[str, Tensor]) -> _Checkpoint:
     try:
-        options, metadata = _object(header, "config"), _object(header, "metadata")
+        options, metadata = stored_object(header, "config"), stored_object(header, "metadata")
         if legacy.is_legacy(options):
             options = legacy.upgrade_options(options)
             tensors = {legacy.upgrade_name(name): tensor for name, tensor in tensors.items()}
         return _Checkpoint(path, AnyNetConfig.from_dict(options), tensors, metadata)
     except (KeyError, TypeError, ValueError, RecursionError) as error:
-        if isinstance(error, AnyNetError) and str(error).startswith(str(path)):
-            raise
         raise AnyNetError(f"{path}: its configuration is not AnyNet's: {one_line(error)}") from None
 
 
-def _object(header: Mapping[str, str], name: str) -> dict[str, Any]:
-    """A JSON object out of a file's header."""
+def stored_object(header: Mapping[str, str], name: str) -> dict[str, Any]:
+    """A JSON object out of a file's header.
+
+    Raises:
+        KeyError, ValueError, RecursionError: if there is none.
+    """
     text = header[name]
     if len(text) > HEADER_LIMIT:
         raise AnyNetError(f"expected {name} of at most {HEADER_LIMIT} characters, got {len(text)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -10,7 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import torch
@@ -24,7 +22,8 @@ from anynet.baselines.dispnet import DispNetC
 from anynet.baselines.psmnet import PSMNet, PSMNetBasic
 from anynet.baselines.stereodnn import NVTiny, ResNet18Correlation
 from anynet.baselines.stereonet import StereoNet
-from anynet.errors import AnyNetError, one_line
+from anynet.checkpoint import check_tensors, read_safetensors, stored_object
+from anynet.errors import AnyNetError
 from anynet.frame import check_images
 from anynet.model.config import INPUT_SCALES, MEAN, STD
 from anynet.predictor import Estimate
@@ -139,12 +138,15 @@ def stored_config(path: Path) -> BaselineConfig | None:
     """The configuration in a .safetensors file of a baseline's weights; None if the file is another network's."""
     try:
         with safe_open(path, "pt") as file:
-            options = json.loads((file.metadata() or {})["config"])
-        return BaselineConfig(**options) if "model" in options else None
-    except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
-        if isinstance(error, AnyNetError):
-            raise AnyNetError(f"{path}: {error}") from None
+            options = stored_object(file.metadata() or {}, "config")
+    except (OSError, SafetensorError, KeyError, ValueError, RecursionError):
         return None
+    try:
+        return BaselineConfig(**options) if "model" in options else None
+    except TypeError:
+        return None
+    except AnyNetError as error:
+        raise AnyNetError(f"{path}: {error}") from None
 
 
 def load_baseline(path: str | os.PathLike[str]) -> BaselineModel:
@@ -160,14 +162,11 @@ def load_baseline(path: str | os.PathLike[str]) -> BaselineModel:
     config = stored_config(path)
     if config is None:
         raise AnyNetError(f"{path}: expected weights of a baseline ({', '.join(MODELS)}), got another file")
-    model = BaselineModel(config)
     try:
-        with safe_open(path, "pt") as file:
-            tensors: dict[str, Any] = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dict)
-        model.load_state_dict(tensors)
-    except (SafetensorError, RuntimeError) as error:
-        raise AnyNetError(f"{path}: expected weights of {config}; {one_line(error)}") from None
-    for name, tensor in tensors.items():
-        if tensor.is_floating_point() and not tensor.isfinite().all():
-            raise AnyNetError(f"{path}: expected finite weights, got NaN or infinity in {name}")
+        _, tensors = read_safetensors(path)
+    except OSError as error:
+        raise AnyNetError(f"{path}: cannot be read: {error.strerror}") from None
+    model = BaselineModel(config)
+    check_tensors(path, config, tensors, model.state_dict())
+    model.load_state_dict(tensors)
     return model.eval()

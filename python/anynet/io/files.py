@@ -78,7 +78,7 @@ def read_bytes(path: str | os.PathLike[str], limit: int | None = None) -> bytes:
     except AnyNetError:
         raise
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte
-        raise AnyNetError(f"cannot read {path}: {_reason(error)}") from error
+        raise AnyNetError(f"cannot read {path}: {reason(error)}") from error
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
@@ -110,7 +110,7 @@ def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
         finally:
             unfinished.unlink(missing_ok=True)
     except (OSError, ValueError) as error:
-        raise AnyNetError(f"cannot write {path}: {_reason(error)}") from error
+        raise AnyNetError(f"cannot write {path}: {reason(error)}") from error
 
 
 def remove_unfinished(folder: str | os.PathLike[str]) -> None:
@@ -128,10 +128,11 @@ def make_folder(path: str | os.PathLike[str]) -> None:
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise AnyNetError(f"cannot make the folder {path}: {_reason(error)}") from error
+        raise AnyNetError(f"cannot make the folder {path}: {reason(error)}") from error
 
 
-def _reason(error: Exception) -> str:
+def reason(error: Exception) -> str:
+    """Why a file failed: what the system says, or what the error says, on one line."""
     return error.strerror if isinstance(error, OSError) and error.strerror else one_line(error)
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from anynet.errors import AnyNetError
+from anynet.errors import AnyNetError, one_line
 from anynet.io.images import to_8_bits, used_bits
 from anynet.streams.ros import (
     CAMERA_INFO,
@@ -25,7 +25,6 @@ from anynet.streams.source import Frame, Source, halves
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-ENDINGS = {".bag", ".mcap", ".db3"}
 _WAITING = 8  # images of one camera that wait for their partner
 # What the names of one rig's topics differ in.
 _SIDES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"), ("camera0", "camera1"), ("camera_0", "camera_1"),
@@ -156,8 +155,7 @@ class Recording(Source):
             raise self._unreadable(error) from error
 
     def _unreadable(self, error: Exception) -> AnyNetError:
-        why = " ".join(str(error).split()) or type(error).__name__
-        return AnyNetError(f"{self._path}: not a readable ROS bag or MCAP file ({why})")
+        return AnyNetError(f"{self._path}: not a readable ROS bag or MCAP file ({one_line(error)})")
 
     def _choose(self, images: list[str], named: list[str], split: bool) -> list[str]:
         wanted = 1 if split else 2

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from anynet.errors import AnyNetError
+from anynet.io.files import reason
 from anynet.streams.ros import CAMERA_INFO, CLOUD, DISPARITY, IMAGE, Messages, require_rosbags
 from anynet.streams.stream import Result
 from anynet.trust import within_reach
@@ -230,8 +231,7 @@ def _told(path: Path) -> Iterator[None]:
     except AnyNetError:
         raise
     except Exception as error:
-        why = error.strerror if isinstance(error, OSError) and error.strerror else " ".join(str(error).split())
-        raise AnyNetError(f"cannot write {path}: {why}") from error
+        raise AnyNetError(f"cannot write {path}: {reason(error)}") from error
 
 
 def _check_new(path: Path) -> None:

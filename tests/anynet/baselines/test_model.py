@@ -18,6 +18,7 @@ from anynet.baselines.model import normalized
 from anynet.cli import main
 from anynet.data import StereoSample
 from anynet.errors import AnyNetError
+from anynet.evaluation.methods import open_method
 from anynet.model.config import MEAN, STD
 from anynet.training.loop import CHECKPOINT, LOG, train
 from anynet.training.recipe import Recipe
@@ -132,6 +133,15 @@ def test_broken_weights(tmp_path, change, config, message):
     with pytest.raises(AnyNetError, match=message) as caught:
         load_baseline(path)
     assert str(path) in str(caught.value)
+
+
+def test_a_configuration_that_is_too_deep_is_another_network_s(tmp_path):
+    path = tmp_path / "deep.safetensors"
+    save_file(BaselineModel(SMALL).state_dict(), path, {"config": "[" * 100_000, "metadata": "{}"})
+    with pytest.raises(AnyNetError, match=r"deep.safetensors: expected weights of a baseline"):
+        load_baseline(path)
+    with pytest.raises(AnyNetError, match=r"deep.safetensors: its configuration is not AnyNet's"):
+        open_method(path)
 
 
 class Shifted(list[StereoSample]):
