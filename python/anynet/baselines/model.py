@@ -12,7 +12,6 @@ from time import perf_counter
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
@@ -25,7 +24,8 @@ from anynet.baselines.stereonet import StereoNet
 from anynet.checkpoint import check_tensors, read_safetensors, stored_object
 from anynet.errors import AnyNetError
 from anynet.frame import check_images
-from anynet.model.config import INPUT_SCALES, MEAN, STD
+from anynet.model.anynet import normalize, resized
+from anynet.model.bounds import check_input_scale
 from anynet.predictor import Estimate
 from anynet_ext import resize
 
@@ -63,10 +63,7 @@ class BaselineConfig:
             raise AnyNetError(f"expected a model of {', '.join(MODELS)}, got {self.model!r}")
         if type(self.max_disparity) is not int or not 1 <= self.max_disparity <= 1024:
             raise AnyNetError(f"BaselineConfig: expected max_disparity from 1 to 1024, got {self.max_disparity!r}")
-        low, high = INPUT_SCALES
-        scale = self.input_scale
-        if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not low <= scale <= high:
-            raise AnyNetError(f"BaselineConfig: expected input_scale from {low:g} to {high:g}, got {scale!r}")
+        check_input_scale(self, self.input_scale)
 
 
 class BaselineModel(nn.Module):
@@ -93,10 +90,9 @@ class BaselineModel(nn.Module):
         if scale == 1:
             estimates: list[Tensor] = self.network(left, right)
             return estimates[:stages]
-        size = max(1, round(scale * height)), max(1, round(scale * width))
-        left, right = (F.interpolate(image, size, mode="bilinear", antialias=scale < 1) for image in (left, right))
+        left, right = (resized(image, scale) for image in (left, right))
         small: list[Tensor] = self.network(left, right)[:stages]
-        return [resize(estimate, (height, width), scale=width / size[1]) for estimate in small]
+        return [resize(estimate, (height, width), scale=width / left.shape[3]) for estimate in small]
 
 
 class BaselinePredictor:
@@ -122,16 +118,11 @@ class BaselinePredictor:
         torch.set_num_threads(self.threads or before)
         try:
             with torch.inference_mode():
-                disparity = self.model(*map(normalized, images))[-1][0, 0].numpy()
+                inputs = (normalize(image.permute(2, 0, 1)[None]).contiguous() for image in images)
+                disparity = self.model(*inputs)[-1][0, 0].numpy()
         finally:
             torch.set_num_threads(before)
         yield Estimate(1, disparity, 1e3 * (perf_counter() - start))
-
-
-def normalized(image: Tensor) -> Tensor:
-    """RGB uint8 [H, W, 3] -> the networks' input [1, 3, H, W]."""
-    mean, deviation = (255 * torch.tensor(values) for values in (MEAN, STD))
-    return ((image - mean) / deviation).permute(2, 0, 1)[None].contiguous()
 
 
 def stored_config(path: Path) -> BaselineConfig | None:

@@ -10,7 +10,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from anynet.errors import AnyNetError
-from anynet.model.config import AnyNetConfig
+from anynet.model.config import MEAN, STD, AnyNetConfig
 from anynet.model.features import SeparateFeatures, UNet
 from anynet.model.first_stage import FirstStage
 from anynet.model.refinement import Refinement
@@ -55,10 +55,9 @@ class AnyNet(nn.Module):
         if zoom == 1:
             yield from self._stages(left, right)
             return
-        size = max(1, round(zoom * height)), max(1, round(zoom * width))
-        left, right = (F.interpolate(image, size, mode="bilinear", antialias=zoom < 1) for image in (left, right))
+        left, right = (resized(image, zoom) for image in (left, right))
         for estimate in self._stages(left, right):
-            yield resize(estimate, (height, width), scale=width / size[1])
+            yield resize(estimate, (height, width), scale=width / left.shape[3])
 
     def _stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
         height, width = left.shape[2:]
@@ -87,3 +86,15 @@ class AnyNet(nn.Module):
             yield estimate
         estimate = resize(estimate, (height // self.config.finest, width // self.config.finest))
         yield resize(self.refinement(left, right, estimate), size)
+
+
+def normalize(images: Tensor) -> Tensor:
+    """RGB uint8 [N, 3, H, W] -> the network's input."""
+    mean, deviation = (255 * torch.tensor(values, device=images.device).view(3, 1, 1) for values in (MEAN, STD))
+    return (images - mean) / deviation
+
+
+def resized(images: Tensor, scale: float) -> Tensor:
+    """[N, C, H, W] by the factor `scale`, bilinear, averaging where it shrinks."""
+    size = [max(1, round(scale * side)) for side in images.shape[2:]]
+    return F.interpolate(images, size, mode="bilinear", antialias=scale < 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from anynet.errors import AnyNetError
 
+INPUT_SCALES = 1 / 16, 4.0  # smallest and largest
 FARTHEST = 1024  # disparity or residual to test, in pixels of its stage
 
 
@@ -26,3 +27,9 @@ def check_range(part: object, name: str, value: object) -> None:
             f"{type(part).__name__}: expected {name} as (first, last), integers with first <= last "
             f"from {-FARTHEST} to {FARTHEST}, got {value!r}"
         )
+
+
+def check_input_scale(config: object, scale: object) -> None:
+    low, high = INPUT_SCALES
+    if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not low <= scale <= high:
+        raise AnyNetError(f"{type(config).__name__}: expected input_scale from {low:g} to {high:g}, got {scale!r}")

@@ -8,13 +8,11 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from anynet.errors import AnyNetError
-from anynet.model.bounds import check_flag, check_range, check_whole
+from anynet.model.bounds import check_flag, check_input_scale, check_range, check_whole
 
 # Of ImageNet's RGB values in 0..1: what the network's inputs are normalized by.
 MEAN = (0.485, 0.456, 0.406)
 STD = (0.229, 0.224, 0.225)
-
-INPUT_SCALES = 1 / 16, 4.0  # smallest and largest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,10 +180,7 @@ class AnyNetConfig:
                 raise AnyNetError(
                     f"AnyNetConfig: expected {name} as {kind.__name__}, got {type(getattr(self, name)).__name__}"
                 )
-        low, high = INPUT_SCALES
-        scale = self.input_scale
-        if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not low <= scale <= high:
-            raise AnyNetError(f"AnyNetConfig: expected input_scale from {low:g} to {high:g}, got {scale!r}")
+        check_input_scale(self, self.input_scale)
         check_whole(self, "groups", 0, 128)
         finest = self.features.widths[0]
         if self.groups and finest % self.groups:

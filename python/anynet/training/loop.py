@@ -25,8 +25,7 @@ from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
 from anynet.evaluation.methods import open_method
 from anynet.io.files import make_folder, read_bytes, remove_unfinished, telling_damage, write_atomically
-from anynet.model.anynet import AnyNet
-from anynet.model.config import MEAN, STD
+from anynet.model.anynet import AnyNet, normalize
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes, process_group, synchronize_batch_norm
 from anynet.training.log import RunLog
@@ -101,12 +100,6 @@ def _begin(recipe: Recipe, out: Path, resume: bool) -> None:
             raise AnyNetError(f"{out} holds a run already: resume it, or choose another folder")
         Recipe.load(stored).check_resumed(recipe)
     write_atomically(stored, recipe.to_json().encode())
-
-
-def _normalized(image: Tensor) -> Tensor:
-    """RGB uint8 [N,3,H,W] -> the network's input."""
-    mean, deviation = (255 * torch.tensor(values, device=image.device).view(3, 1, 1) for values in (MEAN, STD))
-    return (image - mean) / deviation
 
 
 def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
@@ -187,7 +180,7 @@ class _Run:
         weights = loss_weights(disparity, weights)
         total = group.all_reduce_sum(weights.sum()).clamp(min=1)
         with torch.autocast(group.device.type, torch.bfloat16, enabled=recipe.amp):
-            outputs = self.parallel(_normalized(left), _normalized(right), self.stages)
+            outputs = self.parallel(normalize(left), normalize(right), self.stages)
         losses = stage_losses(outputs, disparity, weights, total, recipe.robust_scale)
         # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
         (group.world_size * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]

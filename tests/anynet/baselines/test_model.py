@@ -14,11 +14,11 @@ from torch import Tensor
 
 from anynet import AnyNet, save_checkpoint
 from anynet.baselines import BaselineConfig, BaselineModel, BaselinePredictor, load_baseline
-from anynet.baselines.model import normalized
 from anynet.cli import main
 from anynet.data import StereoSample
 from anynet.errors import AnyNetError
 from anynet.evaluation.methods import open_method
+from anynet.model.anynet import normalize
 from anynet.model.config import MEAN, STD
 from anynet.training.loop import CHECKPOINT, LOG, train
 from anynet.training.recipe import Recipe
@@ -30,6 +30,11 @@ def _images(height: int = 32, width: int = 64) -> tuple[np.ndarray, np.ndarray]:
     random = np.random.default_rng(0)
     left, right = random.integers(0, 256, (2, height, width, 3), np.uint8)
     return left, right
+
+
+def normalized(image: Tensor) -> Tensor:
+    """[H, W, 3] in bytes as a batch of one."""
+    return normalize(image.permute(2, 0, 1)[None])
 
 
 @pytest.mark.parametrize(
