@@ -104,7 +104,7 @@ class Predictor:
     def _estimates(self, frame: Frame, start: float) -> Iterator[Estimate]:
         steps = frame.steps()
         for stage in range(1, self.config.stages + 1):
-            with self._computing():
+            with inference(self.threads):
                 maps = frame.maps(stage, *next(steps))
             yield Estimate(stage, maps.disparity, 1e3 * (perf_counter() - start), **maps.trust)
 
@@ -174,7 +174,7 @@ class Predictor:
             budget_ms = math.inf
         elif isinstance(budget_ms, bool) or not isinstance(budget_ms, (int, float)) or not budget_ms >= 0:
             raise AnyNetError(f"predict: expected budget_ms >= 0, got {budget_ms!r}")
-        with self._computing() as threads:
+        with inference(self.threads) as threads:
             latencies = self._latencies[frame.kind, threads]
             steps = frame.steps()
             begin = start
@@ -195,20 +195,21 @@ class Predictor:
         latencies.enlarging.measured(end - begin)
         return Estimate(reached, maps.disparity, 1e3 * (end - start), **maps.trust)
 
-    @contextmanager
-    def _computing(self) -> Iterator[int]:
-        """Inference mode on this predictor's threads; gives their number."""
-        before = torch.get_num_threads()
-        threads = 1 if _forked else self.threads or before
-        with computing():
+
+@contextmanager
+def inference(threads: int | None) -> Iterator[int]:
+    """Inference mode on so many threads, by default as many as PyTorch uses; gives their number."""
+    before = torch.get_num_threads()
+    threads = 1 if _forked else threads or before
+    with computing():
+        if threads != before:
+            torch.set_num_threads(threads)
+        try:
+            with torch.inference_mode():
+                yield threads
+        finally:
             if threads != before:
-                torch.set_num_threads(threads)
-            try:
-                with torch.inference_mode():
-                    yield threads
-            finally:
-                if threads != before:
-                    torch.set_num_threads(before)
+                torch.set_num_threads(before)
 
 
 _forked = False

@@ -11,7 +11,6 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
@@ -26,7 +25,7 @@ from anynet.errors import AnyNetError
 from anynet.frame import check_images
 from anynet.model.anynet import normalize, resized
 from anynet.model.bounds import check_input_scale
-from anynet.predictor import Estimate
+from anynet.predictor import Estimate, inference
 from anynet_ext import resize
 
 MODELS: dict[str, Callable[[int], Baseline]] = {
@@ -114,14 +113,9 @@ class BaselinePredictor:
         """
         start = perf_counter()
         images = check_images(left, right)
-        before = torch.get_num_threads()
-        torch.set_num_threads(self.threads or before)
-        try:
-            with torch.inference_mode():
-                inputs = (normalize(image.permute(2, 0, 1)[None]).contiguous() for image in images)
-                disparity = self.model(*inputs)[-1][0, 0].numpy()
-        finally:
-            torch.set_num_threads(before)
+        with inference(self.threads):
+            inputs = (normalize(image.permute(2, 0, 1)[None]).contiguous() for image in images)
+            disparity = self.model(*inputs)[-1][0, 0].numpy()
         yield Estimate(1, disparity, 1e3 * (perf_counter() - start))
 
 
