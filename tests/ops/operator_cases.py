@@ -50,6 +50,25 @@ def far(memory: Tensor, values: Tensor, dim: int) -> Tensor:
     return view
 
 
+def check_far(ops: Any, memory: Tensor, image: Tensor, dim: int, call: Callable[[Any, Tensor], Tensor]) -> None:
+    """`call(operators, image)` and its gradient are the reference's, with a stride of FAR in `dim`."""
+    leaf, plain = far(memory, image, dim).requires_grad_(), image.clone().requires_grad_()
+    out, expected = call(ops, leaf), call(reference, plain)
+    torch.testing.assert_close(out, expected)
+    grad = torch.randn_like(expected)
+    got = torch.autograd.grad(out, leaf, grad)[0]
+    torch.testing.assert_close(got, torch.autograd.grad(expected, plain, grad)[0])
+
+
+def extreme_disparities(dtype: torch.dtype) -> Tensor:
+    """NaN, infinities, both zeros, and what lies far outside any image."""
+    nan, inf = torch.nan, torch.inf
+    special = torch.tensor([nan, inf, -inf, 6e4, -6e4, 1.0, 0.0, -0.0, -1.0, nan], dtype=dtype)
+    if dtype != torch.float16:
+        special = torch.cat([special, torch.tensor([1e30, -1e30, 3e9, -3e9, 3e38], dtype=dtype)])
+    return special
+
+
 @dataclass
 class Case:
     """One call: `op(*make(), *numbers)`. `make` gives float64 tensors away from the kinks of floor and sign."""

@@ -9,7 +9,7 @@ import torch
 from differentiable_operator import DifferentiableOperator
 from hypothesis import given
 from inference_operator import Call, InferenceOperator, call, random
-from operator_cases import LARGE, Case, far
+from operator_cases import LARGE, Case, check_far
 from strategies import directions, few, seeds, sizes
 from torch import Tensor
 
@@ -204,12 +204,7 @@ def test_strides_beyond_32_bits(ops, memory, dim):
     def call(o, x: Tensor) -> Tensor:
         return o.spatial_propagation(x, gates, 0)
 
-    leaf, plain = far(memory, image, dim).requires_grad_(), image.clone().requires_grad_()
-    out, expected = call(ops, leaf), call(reference, plain)
-    torch.testing.assert_close(out, expected)
-    grad = torch.randn_like(expected)
-    got = torch.autograd.grad(out, leaf, grad)[0]
-    torch.testing.assert_close(got, torch.autograd.grad(expected, plain, grad)[0])
+    check_far(ops, memory, image, dim, call)
 
 
 @few
