@@ -1,5 +1,5 @@
 # anynet_cuda_architectures(<nvcc> <variable>): GPU architectures to compile for, as CMAKE_CUDA_ARCHITECTURES wants them.
-# TORCH_CUDA_ARCH_LIST is honoured ("8.6 9.0+PTX"); the default is all that this nvcc knows of Turing to Blackwell, and
+# TORCH_CUDA_ARCH_LIST is honored ("8.6 9.0+PTX"); the default is all that this nvcc knows of Turing to Blackwell, and
 # PTX of the newest for what comes after. No GPU is looked for.
 set(ANYNET_CUDA_ARCHITECTURES 7.5 8.0 8.6 8.7 8.9 9.0 10.0 12.0)
 

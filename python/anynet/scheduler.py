@@ -1,4 +1,4 @@
-"""Which stages fit into a budget of time, learnt from the frames before."""
+"""Which stages fit into a budget of time, learned from the frames before."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SIZES = 64  # kept: the most recently seen
 
 
 class Latency:
-    """Seconds that something takes, learnt from the last few times.
+    """Seconds that something takes, learned from the last few times.
 
     Without a lock: its values are never changed in place, and threads that meet lose at most a measurement.
     """
@@ -57,7 +57,7 @@ class LatencyTable:
         self._tables: OrderedDict[Hashable, Latencies] = OrderedDict()
 
     def __getitem__(self, size: Hashable) -> Latencies:
-        # Each step is atomic, and another thread's in between costs at most what was learnt about one size.
+        # Each step is atomic, and another thread's in between costs at most what was learned about one size.
         latencies = self._tables.pop(size, None) or Latencies(self._stages)
         self._tables[size] = latencies
         if len(self._tables) > SIZES:

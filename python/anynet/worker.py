@@ -255,7 +255,7 @@ class _Loop:
         return True
 
     def _compute(self, frame: _Frame, images: _Images) -> None:
-        if images[0].shape != self._shape:  # what was learnt holds for one size
+        if images[0].shape != self._shape:  # what was learned holds for one size
             self._shape, self._latencies = images[0].shape, defaultdict(Latency)
         begin = start = perf_counter()
         for estimate in self._predictor.stages(*images):

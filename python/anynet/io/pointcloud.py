@@ -17,7 +17,7 @@ def write_ply(path: str | Path, points: npt.NDArray[np.float32], colors: npt.NDA
 
     Args:
         path: the file.
-        points: float32 [..., 3], metres; x to the right, y down, z forward.
+        points: float32 [..., 3], meters; x to the right, y down, z forward.
         colors: uint8 [..., 3], RGB of the same points.
 
     Raises:
@@ -31,6 +31,6 @@ def write_ply(path: str | Path, points: npt.NDArray[np.float32], colors: npt.NDA
     for channel, name in enumerate(("red", "green", "blue")):
         vertices[name] = colors[known][:, channel]
     buffer = io.BytesIO()
-    comments = ["metres; x right, y down, z forward"]
+    comments = ["meters; x right, y down, z forward"]
     PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<", comments=comments).write(buffer)
     write_atomically(path, buffer.getvalue())

@@ -71,7 +71,7 @@ def test_impossible_values(values: dict[str, float], message: str) -> None:
 
 def test_middlebury(tmp_path: Path) -> None:
     calibration = read_calibration(file(tmp_path, MIDDLEBURY + "width=640\nheight=480\n"))
-    assert calibration == Calibration(1000, 0.2, 300, 250, 30, (640, 480))  # the file has millimetres
+    assert calibration == Calibration(1000, 0.2, 300, 250, 30, (640, 480))  # the file has millimeters
 
 
 def test_kitti_object_and_raw(tmp_path: Path) -> None:
@@ -199,7 +199,7 @@ def test_real_files() -> None:
 def test_kitti_object_depth() -> None:
     """Where disparity comes from depth, depth must come from disparity."""
     calibration = read_calibration(SHARED / "kitti_object/calib/000001.txt")
-    depth = read_disparity(SHARED / "kitti_object/gt_depth_map/000001.png")  # the same format, in metres
+    depth = read_disparity(SHARED / "kitti_object/gt_depth_map/000001.png")  # the same format, in meters
     disparity = 721.5377 * (44.85728 + 339.5242) / 721.5377 / depth
     np.testing.assert_allclose(calibration.depth(disparity.astype(np.float32)), depth, rtol=1e-5)
 

@@ -155,14 +155,14 @@ def test_swapped_images_are_told(run: Run, weights: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the authors' weights and the real pairs are not in ../shared")
-def test_real_pair_in_metres(run: Run, tmp_path: Path) -> None:
+def test_real_pair_in_meters(run: Run, tmp_path: Path) -> None:
     data = SHARED / "data" / "kitti_object"
     weights = SHARED / "checkpoints" / "kitti2015.tar"
     pair = [data / side / "000001.png" for side in ("left", "right")]
     calib = data / "calib" / "000001.txt"
     assert run("predict", *pair, "--out", tmp_path, "--weights", weights, "--calib", calib).status == 0
     depth = cv2.imread(str(tmp_path / "000001_depth.tiff"), cv2.IMREAD_UNCHANGED)
-    truth = read_disparity(data / "gt_depth_map" / "000001.png")  # the same format, in metres
+    truth = read_disparity(data / "gt_depth_map" / "000001.png")  # the same format, in meters
     assert np.nanmedian(np.abs(depth - truth) / truth) < 0.1
 
 
