@@ -124,6 +124,7 @@ def _frames(left: str, right: str | None) -> Frames:
     """Name, left and right image of every pair."""
     from anynet.cli.pairs import find_pairs
     from anynet.io import read_image, read_pair
+    from anynet.streams.source import halves
 
     if _is_moving(left):
         yield from _filmed(left, right)
@@ -136,12 +137,14 @@ def _frames(left: str, right: str | None) -> Frames:
     else:
         pairs, _ = find_pairs(left, left)
         for pair in pairs:
-            yield pair.name, *_halves(read_image(pair.left), pair.name)
+            yield pair.name, *halves(read_image(pair.left), pair.name)
 
 
 def _filmed(left: str, right: str | None) -> Frames:
     """Frames of videos or cameras: of a video one in some, of a camera all that arrive, until Ctrl-C."""
     import cv2
+
+    from anynet.streams.source import halves
 
     sources = [left] if right is None else [left, right]
     captures = []
@@ -169,17 +172,10 @@ def _filmed(left: str, right: str | None) -> Frames:
             except KeyboardInterrupt:
                 return  # the user has shown enough
             name = f"frame {number}"
-            yield name, *(_halves(images[0], name) if right is None else (images[0], images[1]))  # type: ignore[arg-type]
+            yield name, *(halves(images[0], name) if right is None else (images[0], images[1]))  # type: ignore[arg-type]
     finally:
         for capture in captures:
             capture.release()
-
-
-def _halves(image: Image, name: str) -> tuple[Image, Image]:
-    width = image.shape[1]
-    if width % 2:
-        raise AnyNetError(f"{name}: expected two views side by side, an even width, got {width}")
-    return image[:, : width // 2].copy(), image[:, width // 2 :].copy()
 
 
 def _epipolar(left: Image, right: Image) -> Image:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
-import threading
 import warnings
 from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from enum import Enum
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -20,6 +17,7 @@ import typer
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.results import DepthFormat, Format, Writer
 from anynet.cli.sources import open_source, size_of
+from anynet.cli.stopping import stopping
 from anynet.cli.told import collected_warnings, tell
 from anynet.cli.trust import MaxDepth
 from anynet.errors import AnyNetError
@@ -152,7 +150,7 @@ def stream(
 def _run(
     running: Stream, writer: Writer | None, sinks: list[Sink], told: list[str], frames: int | None, as_json: bool
 ) -> None:
-    with _stopping(running), _heard_warnings() as heard:
+    with stopping(running.stop), _heard_warnings() as heard:
         for count, result in enumerate(running.results(), start=1):
             report = _process(result, writer, sinks)
             first = told if count == 1 else ()
@@ -205,27 +203,6 @@ def _heard_warnings() -> Iterator[deque[str]]:
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = hear
         yield heard
-
-
-@contextmanager
-def _stopping(running: Stream) -> Iterator[None]:
-    """Within, the first Ctrl-C or SIGTERM stops the stream; the second does what it does elsewhere."""
-    if threading.current_thread() is not threading.main_thread():  # only that one may set them
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-
-    def stop(number: int, _: FrameType | None) -> None:
-        running.stop()
-        signal.signal(number, before[signal.Signals(number)])
-
-    for number in before:
-        signal.signal(number, stop)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _line(report: dict[str, Any]) -> str:

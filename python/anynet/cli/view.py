@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.sources import open_source, size_of
+from anynet.cli.stopping import stopping
 from anynet.cli.told import collected_warnings, tell
 
 if TYPE_CHECKING:
@@ -72,12 +70,6 @@ def show(
         threads=threads, host=host, port=port, out=out,
     )  # fmt: skip
 
-    def stop(number: int, _: FrameType | None) -> None:
-        view.stop()
-        signal.signal(number, signal.SIG_DFL)
-
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, stop)
-    print(f"{view.url} (Ctrl-C ends it)", flush=True)
-    view.run()
+    with stopping(view.stop):
+        print(f"{view.url} (Ctrl-C ends it)", flush=True)
+        view.run()
