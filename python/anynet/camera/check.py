@@ -17,7 +17,12 @@ _BEYOND = 0.05  # of the matches beyond the network's reach: more than go wrong 
 
 
 def check_rectified(
-    left: Image, right: Image, matches: Matches | None = None, doffs: float = 0.0, reach: float = MAX_DISPARITY
+    left: Image,
+    right: Image,
+    matches: Matches | None = None,
+    doffs: float = 0.0,
+    reach: float = MAX_DISPARITY,
+    hint: str = "",
 ) -> list[str]:
     """Matches some hundred corners between the images and looks where the partners lie.
 
@@ -28,6 +33,7 @@ def check_rectified(
         matches: of the pair, if they are at hand.
         doffs: the calibration's: cx of the right camera minus cx of the left, pixels.
         reach: the largest disparity that the network finds, pixels.
+        hint: what to add where rows do not agree.
 
     Returns:
         One sentence per finding, with what was seen; empty for a good pair, and where too few corners match.
@@ -39,7 +45,7 @@ def check_rectified(
     matches = match_corners(left, right) if matches is None else matches
     if not matches.enough:
         return []
-    findings = [*_rows(matches), *_swapped(matches, doffs)]
+    findings = [*_rows(matches, hint), *_swapped(matches, doffs)]
     # Of a pair that is unrectified or exchanged, disparities say nothing more.
     return findings or [*_negative(matches, doffs), *_beyond(matches, reach)]
 
@@ -52,12 +58,12 @@ def negative_disparities(matches: Matches) -> float:
     return max(0.0, -float(np.quantile(disparities, _BEYOND)) - 1)
 
 
-def _rows(matches: Matches) -> list[str]:
+def _rows(matches: Matches, hint: str) -> list[str]:
     if matches.rows_apart <= ROWS:
         return []
     return [
         f"the pair looks unrectified: {len(matches)} matched corners lie {matches.rows_apart:.1f} rows apart (median), "
-        "expected 0"
+        f"expected 0{hint}"
     ]
 
 

@@ -135,10 +135,7 @@ class PairPreparation:
                 doffs = 0.0 if calibration is None else calibration.doffs
                 if self._min_disparity is None:
                     smallest = min_disparity(calibration, matches)
-                checked = check_rectified(left, right, matches, doffs, self._reach + smallest)
-                if checked and checked[0].startswith("the pair looks unrectified"):
-                    checked[0] += self._hint()
-                findings += checked
+                findings += check_rectified(left, right, matches, doffs, self._reach + smallest, self._hint())
         if smallest:
             notes.append(f"disparities looked for from {smallest} pixels on")
         return PreparedPair(left, right, calibration, smallest, valid, tuple(findings), tuple(notes))
