@@ -65,7 +65,7 @@ class View:
         source: Source,
         *,
         prepare: PairPreparation | None = None,
-        weights: Sequence[str] = ("default", "large", "kitti"),
+        weights: Sequence[str] = ("default", "paper", "large", "kitti"),
         input_scale: float | None = None,
         threads: int | None = None,
         host: str = "127.0.0.1",
