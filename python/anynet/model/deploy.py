@@ -79,7 +79,7 @@ class DeployedAnyNet(nn.Module):
         levels = self.features.decode(skips)
         scale = self.config.stride
         disparity, distribution = self.first_stage(next(levels), finer)
-        maps: list[Tensor] = [disparity[0, 0].mul_(scale)]  # in pixels of the images
+        maps: list[Tensor] = [disparity[0, 0] * scale]  # in pixels of the images
         scales: list[int] = [scale]  # pixels of the images per pixel of the map
         result = StageResult(maps, scales, size, (distribution, scale), None)
         yield result
@@ -87,7 +87,7 @@ class DeployedAnyNet(nn.Module):
             scale //= 2
             disparity = sum_at(maps, [s // scale for s in scales], features.shape[2:], 1 / scale)
             update, distribution = stage(features, disparity[None, None])
-            update = update[0, 0].mul_(scale)
+            update = update[0, 0] * scale
             maps, scales = ([update], [scale]) if stage.replaces else ([*maps, update], [*scales, scale])
             result = StageResult(maps, scales, size, (distribution, scale), result)
             yield result
