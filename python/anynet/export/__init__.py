@@ -1,6 +1,7 @@
 """The network in other runtimes' formats: ONNX, `torch.export`, AOTInductor (docs/export.md).
 
-Each has two inputs, `left` and `right`, uint8 RGB [H, W, 3], and an output per stage, `disparity_1` ..., float32 [H, W].
+Each has two inputs, `left` and `right`, uint8 RGB [H, W, 3], and an output per stage, `disparity_1` ..., float32
+[H, W].
 """
 
 from __future__ import annotations

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import torch
+import torch._inductor.package
+from torch import Tensor
 
 from anynet.errors import AnyNetError, one_line
 from anynet.export.cut import Part, cut, run, whole
@@ -17,9 +20,9 @@ WHOLE = "model"
 def export_aoti(request: Request, path: Path) -> None:
     """Compiles the network into a package of several models.
 
-    "model" computes all stages' disparities from the two images. "stage_1", "stage_2" ... compute one each; the inputs
-    and outputs of every model are listed by name in its metadata, under "inputs" and "outputs", separated by spaces. A
-    stage's inputs are the images and outputs of the stages before; its first output is the disparity.
+    "model" computes all stages' disparities from the two images. "stage_1", "stage_2" ... compute one each: their inputs
+    are the images and outputs of the stages before, and the first output is the disparity. Every model's metadata has
+    the names of its "inputs" and "outputs", separated by spaces, and "height" and "width" of the images.
 
     Raises:
         AnyNetError: as of `trace`, for `dynamic`, or if there is no working C++ compiler.
@@ -34,18 +37,26 @@ def export_aoti(request: Request, path: Path) -> None:
     with torch.no_grad():
         values = run(stages, images)
         models = {WHOLE: whole(program, names)} | {f"stage_{k}": part for k, part in enumerate(stages, 1)}
-        files = {name: _compiled(part, [values[i] for i in part.inputs]) for name, part in models.items()}
+        files = {name: _compiled(part, values, request) for name, part in models.items()}
     torch._inductor.package.package_aoti(str(path), files)
 
 
-def _compiled(part: Part, arguments: list[torch.Tensor]) -> list[str]:
-    """The files of a compiled part."""
+def _compiled(part: Part, values: Mapping[str, Tensor], request: Request) -> list[str]:
+    """The files of a compiled part, for inputs like these values."""
+    metadata = {
+        "inputs": " ".join(part.inputs),
+        "outputs": " ".join(part.outputs),
+        "height": str(request.height),
+        "width": str(request.width),
+    }
     options = {
         "aot_inductor.package": True,
-        "aot_inductor.metadata": {"inputs": " ".join(part.inputs), "outputs": " ".join(part.outputs)},
+        "aot_inductor.metadata": metadata,
         "cpp.dynamic_threads": True,  # as many as the program that loads it says
     }
+    arguments = tuple(values[name] for name in part.inputs)
     try:
-        return torch._inductor.aot_compile(part.module, tuple(arguments), options=options)
+        files: list[str] = torch._inductor.aot_compile(part.module, arguments, options=options)  # type: ignore[assignment]
     except torch._inductor.exc.CppCompileError as error:
         raise AnyNetError(f"export: the C++ compiler failed: {one_line(error)}") from None
+    return files

@@ -24,7 +24,7 @@ def _scan(start: LINE, lines: LINES, smaller: LINES, same: LINES, larger: LINES)
         now = op.Add(op.Add(line, op.Mul(to_same, before)), sides)
         return now, op.Identity(now)
 
-    last, every = op.Scan(start, lines, smaller, same, larger, body=step, num_scan_inputs=4)
+    _last, every = op.Scan(start, lines, smaller, same, larger, body=step, num_scan_inputs=4)
     return every
 
 
