@@ -71,6 +71,9 @@ class Recipe:
     batch_size: int = _option(6, "Pairs per step, over all processes.")
     crop_size: tuple[int, int] = _option((256, 512), "Height and width of the training crops.")
     augment: bool = _option(True, "Vary scale, color, noise and occlusion, not only the place of the crop.")
+    perturb: bool = _option(
+        False, "Vary also what real rigs do: rows that do not meet, exposure, noise, focus, compression."
+    )
     learning_rate: float = _option(2e-3, "Learning rate of Adam.")
     schedule: Schedule = _option(
         "cosine", "Learning rate over the run: constant, step (a tenth after --milestone) or cosine."
@@ -121,6 +124,8 @@ class Recipe:
             raise AnyNetError("weights are AnyNet's; a model of another name begins with random ones")
         if self.load_partial and self.weights is None:
             raise AnyNetError("load_partial is for weights to start from")
+        if self.perturb and not self.augment:
+            raise AnyNetError("perturb is a part of augment, which is off")
         if min(self.crop_size) < 64:
             raise AnyNetError(f"crop_size must be at least 64x64, got {self.crop_size[0]}x{self.crop_size[1]}")
         if not self.learning_rate > 0:
