@@ -45,7 +45,7 @@ def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float =
     return out
 
 
-def _fake(input: Tensor, weight: Tensor, bias: Tensor, eps: float) -> tuple[Tensor, Tensor, Tensor]:
+def _fake(input: Tensor, weight: Tensor, bias: Tensor, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
     return input.new_empty(input.shape), weight.new_empty(weight.shape), weight.new_empty(weight.shape)
 
 
@@ -55,7 +55,7 @@ def _fake_backward(
     return input.new_empty(input.shape), weight.new_empty(weight.shape), bias.new_empty(bias.shape)
 
 
-def _cuda(input: Tensor, weight: Tensor, bias: Tensor, eps: float) -> tuple[Tensor, Tensor, Tensor]:
+def _cuda(input: Tensor, weight: Tensor, bias: Tensor, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
     out, mean, rsqrt = torch.native_batch_norm(input, weight, bias, None, None, True, 0.0, eps)
     return out.relu_().contiguous(), mean, rsqrt.pow(-2) - eps
 

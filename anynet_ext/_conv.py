@@ -133,12 +133,12 @@ def _register(name: str, dimensions: int) -> None:
     def _fake(
         input: Tensor,
         weight: Tensor,
-        bias: Tensor | None,
-        scale: Tensor | None,
-        shift: Tensor | None,
-        stride: int,
-        relu_in: bool,
-        relu_out: bool,
+        bias: Tensor | None = None,
+        scale: Tensor | None = None,
+        shift: Tensor | None = None,
+        stride: int = 1,
+        relu_in: bool = False,
+        relu_out: bool = False,
     ) -> Tensor:
         sizes = [(size - 1) // stride + 1 for size in input.shape[2:]]
         return input.new_empty(input.shape[0], weight.shape[0], *sizes)
@@ -162,12 +162,12 @@ def _register(name: str, dimensions: int) -> None:
     def _cuda(
         input: Tensor,
         weight: Tensor,
-        bias: Tensor | None,
-        scale: Tensor | None,
-        shift: Tensor | None,
-        stride: int,
-        relu_in: bool,
-        relu_out: bool,
+        bias: Tensor | None = None,
+        scale: Tensor | None = None,
+        shift: Tensor | None = None,
+        stride: int = 1,
+        relu_in: bool = False,
+        relu_out: bool = False,
     ) -> Tensor:
         function = reference.conv3x3 if dimensions == 2 else reference.conv3x3x3
         return function(
@@ -207,7 +207,7 @@ def _register(name: str, dimensions: int) -> None:
 
     def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         input, weight, scale, shift, output = ctx.saved_tensors
-        needs = ctx.needs_input_grad
+        needs = [*ctx.needs_input_grad, *[False] * 4]  # it ends with the last argument that was given
         if output is not None:
             grad = grad * (output > 0)
         grad_input = grad_weight = grad_bias = grad_scale = grad_shift = None

@@ -67,7 +67,7 @@ def cost_volume_affine_relu(
     return out
 
 
-def _fake(left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int) -> Tensor:
+def _fake(left: Tensor, right: Tensor, disparity: Tensor | None = None, first: int = 0, last: int = 0) -> Tensor:
     n, _, h, w = left.shape
     return left.new_empty(n, last - first + 1, h, w)
 

@@ -29,7 +29,7 @@ def _vmap_rule(name: str, shared: tuple[str, ...]) -> Callable[..., Any]:
 
     def rule(info: Any, in_dims: tuple[int | None, ...], *args: Any) -> tuple[Any, Any]:
         size = info.batch_size
-        out = op(*[fold(*each, size) for each in zip(arguments, args, in_dims, strict=True)])
+        out = op(*[fold(*each, size) for each in zip(arguments, args, in_dims, strict=False)])  # the rest: defaults
         if isinstance(out, Tensor):
             return unfold(out, size), 0
         return tuple(unfold(t, size) for t in out), tuple(0 for _ in out)

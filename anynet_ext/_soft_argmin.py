@@ -34,7 +34,7 @@ def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
     return out
 
 
-def _fake(cost: Tensor, first: int) -> Tensor:
+def _fake(cost: Tensor, first: int = 0) -> Tensor:
     n, _, h, w = cost.shape
     return cost.new_empty(n, 1, h, w)
 

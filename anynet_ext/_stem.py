@@ -60,8 +60,8 @@ def _fake_stem(
     weight_second: Tensor,
     scale: Tensor,
     shift: Tensor,
-    input_scale: int,
-    multiple: int,
+    input_scale: int = 1,
+    multiple: int = 4,
 ) -> Tensor:
     height, width = (-(-size * input_scale // multiple) * multiple for size in left.shape[:2])
     return mean.new_empty(2, bias_first.shape[0], height // 4, width // 4)
