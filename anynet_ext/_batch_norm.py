@@ -25,7 +25,8 @@ def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float =
     Returns:
         [N, C, ...], differentiable in all tensors; and, [C] each and without gradients, the channels' means and
         variances (over the number of values, as they normalize). Results and gradients repeat bit for bit whatever the
-        number of threads. Under autocast it computes in float32.
+        number of threads. Under autocast it computes in float32, and returns that. There is no second
+        derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.

@@ -44,7 +44,8 @@ def conv3x3(
 
     Returns:
         [N, O, (H - 1) // stride + 1, (W - 1) // stride + 1]. Differentiable in every tensor; the gradients repeat bit
-        for bit whatever the number of threads. Under autocast it computes in float32.
+        for bit whatever the number of threads. There is no second derivative. Under autocast it computes in float32,
+        and returns that.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.

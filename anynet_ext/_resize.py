@@ -32,7 +32,8 @@ def resize(
         align_corners: whether corner pixels' centers meet (True) or pixels are areas (False).
 
     Returns:
-        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once.
+        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype, device or shape.

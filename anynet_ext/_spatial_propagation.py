@@ -26,7 +26,8 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
         direction: 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top.
 
     Returns:
-        h, [N, C, H, W], contiguous. Half types are computed in float32 and rounded once.
+        h, [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype, device or shape, or direction is not 0 to 3.

@@ -23,7 +23,8 @@ def warp(image: Tensor, disparity: Tensor) -> Tensor:
         disparity: [N, 1, H, W], pixels, same dtype and device as image.
 
     Returns:
-        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once.
+        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype, device or shape.
