@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import no_second_derivative, register_fake
+from anynet_ext._register import no_second_derivative, overridable, register_fake
 
 
+@overridable
 def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
     """`relu(batch_norm(input))` by the batch's own statistics, and these.
 

@@ -8,11 +8,12 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library, reference  # noqa: F401  (loads the operators)
-from anynet_ext._register import register
+from anynet_ext._register import overridable, register
 
 CHANNELS = 64
 
 
+@overridable
 def conv3x3(
     input: Tensor,
     weight: Tensor,
@@ -55,6 +56,7 @@ def conv3x3(
     return out
 
 
+@overridable
 def conv3x3x3(
     input: Tensor,
     weight: Tensor,

@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register, register_inference
+from anynet_ext._register import overridable, register, register_inference
 
 
+@overridable
 def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, first: int = 0, last: int = 0) -> Tensor:
     """L1 matching cost of each left pixel at disparities around a map:
 
@@ -46,6 +47,7 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
     return out
 
 
+@overridable
 def cost_volume_affine_relu(
     left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
 ) -> Tensor:

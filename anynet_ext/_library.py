@@ -55,7 +55,7 @@ _CUDA = _load_cuda()
 
 
 def build_info() -> dict[str, Any]:
-    """What was built and what is in use: the operators' library, compiler, instruction sets, threads, CUDA or why not."""
+    """What was built and what is in use: library, compiler, instruction sets, threads, CUDA or why not."""
     config = _C.anynet_build_config().decode()
     return {
         "library": str(_FOLDER / "_C.so"),

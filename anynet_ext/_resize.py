@@ -9,9 +9,10 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register
+from anynet_ext._register import overridable, register
 
 
+@overridable
 def resize(
     input: Tensor,
     size: tuple[int, int],

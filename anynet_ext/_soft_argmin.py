@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register
+from anynet_ext._register import overridable, register
 
 
+@overridable
 def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
     """The expected disparity under softmax(-cost): `out[n,0,y,x] = sum_k (first + k) softmax_k(-cost[n,k,y,x])`.
 

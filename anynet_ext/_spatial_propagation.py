@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register, register_inference
+from anynet_ext._register import overridable, register, register_inference
 
 
+@overridable
 def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     """Scans each channel in one direction; every pixel blends with its three neighbors in the line before:
 
@@ -44,6 +45,7 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     return out
 
 
+@overridable
 def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     """`spatial_propagation` with each pixel's three gates over the sum of their absolute values plus 1e-8.
 

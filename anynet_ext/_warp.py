@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register
+from anynet_ext._register import overridable, register
 
 
+@overridable
 def warp(image: Tensor, disparity: Tensor) -> Tensor:
     """The right image as the left camera would see it: `out[n,c,y,x] = image[n,c,y, x - disparity[n,0,y,x]]`.
 

@@ -17,11 +17,8 @@ def info(
     import anynet_ext
     from anynet.checkpoint import PACKAGED, load_metadata
 
-    found: dict[str, Any] = {
-        "anynet": anynet.__version__,
-        "python": platform.python_version(),
-        **anynet_ext.build_info(),
-    }
+    versions = {"anynet": anynet.__version__, "python": platform.python_version()}
+    found: dict[str, Any] = {**versions, **anynet_ext.build_info()}
     found["weights"] = {file.stem: load_metadata(file) for file in sorted(PACKAGED.glob("*.safetensors"))}
     if as_json:
         print(json.dumps(found))

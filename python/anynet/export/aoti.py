@@ -20,9 +20,9 @@ WHOLE = "model"
 def export_aoti(request: Request, path: Path) -> None:
     """Compiles the network into a package of several models.
 
-    "model" computes all stages' disparities from the two images. "stage_1", "stage_2" ... compute one each: their inputs
-    are the images and outputs of the stages before, and the first output is the disparity. Every model's metadata has
-    the names of its "inputs" and "outputs", separated by spaces, and "height" and "width" of the images.
+    "model" computes all stages' disparities from the two images. "stage_1", "stage_2" ... compute one each: their
+    inputs are the images and outputs of the stages before, and the first output is the disparity. Every model's
+    metadata has the names of its "inputs" and "outputs", separated by spaces, and "height" and "width" of the images.
 
     Raises:
         AnyNetError: as of `trace`, for `dynamic`, or if there is no working C++ compiler.

@@ -54,8 +54,8 @@ class AnyNet(nn.Module):
         dtype = self.refinement.expand.weight.dtype
         if dtype not in (torch.float32, torch.float64):
             raise AnyNetError(
-                f"AnyNet: expected weights of float32 or float64, got {str(dtype)[6:]}: for half precision, leave them as "
-                "they are and compute under torch.autocast"
+                f"AnyNet: expected weights of float32 or float64, got {str(dtype)[6:]}: for half precision, leave them "
+                "as they are and compute under torch.autocast"
             )
         height, width = left.shape[2:]
         zoom = self.config.zoom
