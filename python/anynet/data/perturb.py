@@ -47,7 +47,9 @@ def blurred(image: Image, sigma: float) -> Image:
 def compressed(image: Image, quality: int) -> Image:
     """As JPEG of this quality, 1 to 100, gives it back."""
     _, code = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, quality))
-    return cv2.imdecode(code, cv2.IMREAD_COLOR).astype(np.uint8, copy=False)
+    decoded = cv2.imdecode(code, cv2.IMREAD_COLOR)
+    assert decoded is not None
+    return decoded.astype(np.uint8, copy=False)
 
 
 PERTURBATIONS: dict[str, Callable[[Image, Image, Rng], tuple[Image, Image]]] = {

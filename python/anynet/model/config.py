@@ -199,7 +199,8 @@ class AnyNetConfig:
         comparing = self.first_stage.fine_costs or self.first_stage.dims == 2 or self.residual_stages.candidate_radius
         if not self.groups and comparing:
             raise AnyNetError(
-                "AnyNetConfig: expected groups above 0 with fine_costs, a first stage of 2 dims or candidate_radius, got 0"
+                "AnyNetConfig: expected groups above 0 with fine_costs, candidate_radius or a first stage of 2 dims, "
+                "got 0"
             )
         for name in ("ranges", "channels"):
             count = len(getattr(self.residual_stages, name))

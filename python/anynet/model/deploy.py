@@ -78,7 +78,7 @@ class DeployedAnyNet(nn.Module):
         finer = skips[-2]
         levels = self.features.decode(skips)
         coarsest = self.config.stride
-        scale = coarsest // self.first_stage.finer  # type: ignore[operator]
+        scale = coarsest // self.first_stage.finer
         disparity, distribution = self.first_stage(next(levels), finer)
         maps: list[Tensor] = [disparity[0, 0] * scale]  # in pixels of the images
         scales: list[int] = [scale]  # pixels of the images per pixel of the map

@@ -192,8 +192,7 @@ class Recipe:
 
 ENLARGED = Recipe(
     weights="large",
-    network=presets.large(),
-    input_scale=2,
+    network=presets.large().with_input_scale(2),
     steps=6_500,
     batch_size=3,
     crop_size=(192, 384),
@@ -209,7 +208,17 @@ PRESETS: dict[str, Recipe] = {
     "paper-sceneflow": Recipe(epochs=10, learning_rate=5e-4, schedule="constant", augment=False, max_grad_norm=0.0),
     "paper-kitti": Recipe(epochs=300, learning_rate=5e-4, schedule="step", augment=False, max_grad_norm=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/weights.md.
-    "default": Recipe(network=presets.default(), steps=8_000, learning_rate=2e-3, warmup_steps=100),
+    "paper": Recipe(network=presets.filled(), steps=8_000, learning_rate=2e-3, warmup_steps=100),
+    "default": Recipe(
+        network=presets.default(),
+        steps=8_000,
+        learning_rate=1e-3,
+        warmup_steps=100,
+        perturb=True,
+        robust_scale=3.0,
+        occluded_weight=0.5,
+        far_weight=0.2,
+    ),
     "large": Recipe(
         network=presets.large(), steps=7_000, batch_size=4, learning_rate=2e-3, warmup_steps=100, occluded_weight=0.2
     ),
