@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from itertools import count, pairwise
+from itertools import pairwise
 
 import torch
 import torch.nn.functional as F
@@ -28,11 +28,11 @@ LAST = 23  # largest disparity, in pixels of the features, which have a quarter 
 class Layer(nn.Module):
     """A 3x3 or 3x3x3 convolution; ReLU is part of the operator."""
 
-    def __init__(self, inputs: int, outputs: int, *, dims: int = 2, stride: int = 1, relu: bool = True) -> None:
+    def __init__(self, inputs: int, outputs: int, *, dims: int) -> None:
         super().__init__()
         self.weight = nn.Parameter(torch.empty(outputs, inputs, *[3] * dims))
         self.bias = nn.Parameter(torch.zeros(outputs))
-        self.stride, self.relu = stride, relu
+        self.stride, self.relu = 1, True
         nn.init.kaiming_normal_(self.weight, nonlinearity="relu")
 
     def forward(self, x: Tensor) -> Tensor:
@@ -42,14 +42,11 @@ class Layer(nn.Module):
 
 def layers(*channels: int, dims: int = 2, strides: tuple[int, ...] = ()) -> nn.Sequential:
     """One after the other, the last one without ReLU."""
-    ends, last = list(pairwise(channels)), len(channels) - 2
-    strides = strides or (1,) * len(ends)
-    return nn.Sequential(
-        *(
-            Layer(i, o, dims=dims, stride=s, relu=k < last)
-            for k, ((i, o), s) in enumerate(zip(ends, strides, strict=True))
-        )
-    )
+    network = nn.Sequential(*(Layer(i, o, dims=dims) for i, o in pairwise(channels)))
+    for layer, stride in zip(network, strides, strict=False):
+        layer.stride = stride
+    network[-1].relu = False
+    return network
 
 
 class Network(nn.Module):
@@ -57,9 +54,9 @@ class Network(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.features = layers(3, 8, 16, 16, 16, strides=(2, 2, 1, 1))
+        self.features = layers(3, 8, 16, 16, 16, strides=(2, 2))
         self.costs = layers(1, 8, 8, 1, dims=3)
-        self.residual = layers(8, 16, 16, 1)
+        self.residual = layers(7, 16, 16, 1)
 
     def forward(self, left: Tensor, right: Tensor) -> list[Tensor]:
         size = left.shape[2:]
@@ -68,9 +65,8 @@ class Network(nn.Module):
         coarse = ops.soft_argmin((volume + self.costs(volume))[:, 0])  # [N, 1, H / 4, W / 4], in pixels of the features
         small = [ops.resize(image, *coarse.shape[2:]) for image in (left, right)]
         warped = ops.warp(small[1], coarse)  # looks like the left image where the disparity is right
-        fine = coarse + self.residual(
-            torch.cat([small[0], (warped - small[0]).abs(), coarse / LAST, torch.ones_like(coarse)], 1)
-        )
+        seen = torch.cat([small[0], (warped - small[0]).abs(), coarse / LAST], 1)
+        fine = coarse + self.residual(seen)
         return [ops.resize(disparity, *size, scale=4.0) for disparity in (coarse, fine)]
 
 
@@ -104,7 +100,8 @@ def main() -> None:
     optimizer = torch.optim.Adam(network.parameters(), 2e-3)
     print(f"before: {error(network, held_out):.2f} px")
     end = time.monotonic() + 60 * options.minutes
-    for step, (left, right, truth) in zip(count(1), batches(0, 4 * options.steps, 4), strict=False):
+    step = 0
+    for step, (left, right, truth) in enumerate(batches(0, 4 * options.steps, 4), 1):  # noqa: B007 (used after it)
         known = truth < 4 * LAST
         loss = sum(F.smooth_l1_loss(found[known], truth[known]) for found in network(left, right))
         optimizer.zero_grad()

@@ -3,11 +3,11 @@
     python examples/ray_predict.py LEFT RIGHT --out DIR --actors 8
     python examples/ray_predict.py --list pairs.csv --out DIR --format parquet
 
-LEFT and RIGHT are folders or quoted patterns as of `anynet predict`; a list has columns left and right, paths relative to
-it. Each actor has a predictor of its own. Files are NAME.pfm; a Parquet file holds the pairs of one batch: name, stage,
-height, width and disparity, float32 row by row. A file is written whole or not at all. What is there already is not
-computed again, so the same call goes on after an interruption; work of a worker that dies is done again by another one.
-Pairs that cannot be read are reported at the end, and the exit status is then 2.
+LEFT and RIGHT are folders or quoted patterns as of `anynet predict`; a list has columns left and right, paths relative
+to it. Each actor has a predictor of its own. Files are NAME.pfm; a Parquet file holds the pairs of one batch: name,
+stage, height, width and disparity, float32 row by row. A file is written whole or not at all. What is there already is
+not computed again, so the same call goes on after an interruption; the work of a worker that dies is done again by
+another one. Pairs that cannot be read are reported, and the exit status is then 2.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import pyarrow
 import pyarrow.parquet
 import ray
 
-from anynet import AnyNetError, Predictor
+from anynet import AnyNetError, Estimate, Predictor
 from anynet.cli.pairs import find_pairs
 from anynet.io import read_pair, write_disparity
 from anynet.io.files import make_folder, write_atomically
@@ -46,17 +46,19 @@ class Actor:
                 if self.options.format == "files":
                     write_disparity(self.options.out / f"{name}.pfm", estimate.disparity)
                 else:
-                    height, width = estimate.disparity.shape
-                    content = estimate.disparity.tobytes()
-                    rows.append(
-                        {"name": name, "stage": estimate.stage, "height": height, "width": width, "disparity": content}
-                    )
+                    rows.append(row_of(name, estimate))
                 errors.append("")
             except AnyNetError as error:
                 errors.append(str(error))
         if rows:
             write_parquet(self.options.out, rows)
         return {"name": list(batch["name"]), "error": errors}
+
+
+def row_of(name: str, estimate: Estimate) -> dict[str, Any]:
+    height, width = estimate.disparity.shape
+    content = estimate.disparity.tobytes()
+    return {"name": name, "stage": estimate.stage, "height": height, "width": width, "disparity": content}
 
 
 def write_parquet(folder: Path, rows: list[dict[str, Any]]) -> None:
@@ -72,7 +74,7 @@ def listed(path: Path) -> list[dict[str, str]]:
         rows = list(csv.DictReader(file))
     if not rows or not {"left", "right"} <= rows[0].keys():
         raise AnyNetError(f"{path}: expected a CSV file with columns left and right")
-    places = [{side: str(path.parent / row[side]) for side in ("left", "right")} for row in rows]
+    places = [{side: str((path.parent / row[side]).absolute()) for side in ("left", "right")} for row in rows]
     # Numbered, for files of one name in different folders.
     return [{"name": f"{i:08d}_{Path(place['left']).stem}", **place} for i, place in enumerate(places)]
 
@@ -107,17 +109,13 @@ def main() -> int:
             pairs = listed(options.list)
         else:
             found, alone = find_pairs(*options.images)
-            pairs = [{"name": p.name, "left": str(p.left), "right": str(p.right)} for p in found]
+            pairs = [{"name": p.name, "left": str(p.left.absolute()), "right": str(p.right.absolute())} for p in found]
         make_folder(options.out)
         options.out = options.out.absolute()
         present = done(options.out, options.format)
     except AnyNetError as error:
         print(f"ray_predict: {error}", file=sys.stderr)
         return 2
-    pairs = [
-        {**pair, "left": str(Path(pair["left"]).absolute()), "right": str(Path(pair["right"]).absolute())}
-        for pair in pairs
-    ]
     waiting = [pair for pair in pairs if pair["name"] not in present]
     print(f"{len(pairs)} pairs, {len(waiting)} to do", flush=True)
     failed = len(alone)

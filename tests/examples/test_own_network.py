@@ -5,9 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_network.py"
 
 
+@pytest.mark.slow
 def test_it_learns_and_is_short() -> None:
     assert len(EXAMPLE.read_text().splitlines()) < 130
     run = subprocess.run([sys.executable, EXAMPLE, "--steps", "8"], check=True, capture_output=True, text=True)

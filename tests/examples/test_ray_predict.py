@@ -74,7 +74,7 @@ def test_a_killed_worker_a_bad_pair_and_going_on(folders: tuple[Path, Path], tmp
 def test_a_list_to_parquet(folders: tuple[Path, Path], tmp_path: Path) -> None:
     (tmp_path / "pairs.csv").write_text("left,right\nleft/00.png,right/00.png\nleft/01.png,right/01.png\n")
     arguments = "--list", tmp_path / "pairs.csv", "--out", tmp_path / "out", "--format", "parquet"
-    told, errors = (process := start(*arguments)).communicate()
+    _, errors = (process := start(*arguments)).communicate()
     assert process.returncode == 0, errors
     rows = [
         row for file in sorted((tmp_path / "out").glob("*.parquet")) for row in parquet.read_table(file).to_pylist()

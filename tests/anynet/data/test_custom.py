@@ -116,7 +116,7 @@ def test_own_folders_and_table(tmp_path: Path) -> None:
 
 
 def test_a_folder_is_no_table(tmp_path: Path) -> None:
-    with pytest.raises(AnyNetError, match="expected a CSV file, got a folder: .* is folders:"):
+    with pytest.raises(AnyNetError, match=r"expected a CSV file, got a folder: .* is folders:"):
         open_dataset(f"csv:{tmp_path}")
 
 
