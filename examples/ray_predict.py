@@ -21,9 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow
-import pyarrow.parquet
-import ray
 
 from anynet import AnyNetError, Estimate, Predictor
 from anynet.cli.pairs import find_pairs
@@ -63,6 +60,8 @@ def row_of(name: str, estimate: Estimate) -> dict[str, Any]:
 
 def write_parquet(folder: Path, rows: list[dict[str, Any]]) -> None:
     """In a file whose name follows from the pairs: when they are done again, it takes the place of the first one."""
+    import pyarrow.parquet
+
     content = io.BytesIO()
     pyarrow.parquet.write_table(pyarrow.Table.from_pylist(rows), content)
     name = hashlib.sha256("\n".join(row["name"] for row in rows).encode()).hexdigest()[:16]
@@ -83,6 +82,8 @@ def done(folder: Path, format: str) -> set[str]:
     """Names of the pairs whose results are there."""
     if format == "files":
         return {file.stem for file in folder.glob("*.pfm")}
+    import pyarrow.parquet
+
     names: set[str] = set()
     for file in folder.glob("*.parquet"):
         names |= set(pyarrow.parquet.read_table(file, columns=["name"])["name"].to_pylist())
@@ -122,6 +123,8 @@ def main() -> int:
     for path in alone:
         print(f"ray_predict: {path}: no image of this name in the other folder", file=sys.stderr)
     if waiting:
+        import ray
+
         ray.init(ignore_reinit_error=True)
         results = ray.data.from_items(waiting, override_num_blocks=-(-len(waiting) // options.batch)).map_batches(
             Actor,
