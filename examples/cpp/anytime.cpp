@@ -7,10 +7,13 @@
 
 #include <dlfcn.h>
 
-#include <ATen/ATen.h>
+#include <ATen/Tensor.h>
+#include <ATen/ops/empty.h>
+#include <c10/core/InferenceMode.h>
 #include <chrono>
 #include <cstdio>
 #include <exception>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <memory>

@@ -15,6 +15,12 @@ from anynet.model import presets
 WEIGHTS = sorted(file.stem for file in PACKAGED.glob("*.safetensors"))
 # Each with an option that no packaged weights have, on networks that are small otherwise.
 OPTIONS = {
+    "two dimensions": {
+        "first_stage.dims": 2,
+        "first_stage.layers": 1,
+        "first_stage.hourglass": 2,
+        "first_stage.excitation": True,
+    },
     "separate": {"features.separate": True},
     "concatenated": {"groups": 0},
     "full range": {"residual_stages.full_range": True},
