@@ -28,9 +28,10 @@ def _columns(image: Tensor, index: Tensor) -> Tensor:
 
 
 def _shifted(image: Tensor, columns: int) -> Tensor:
-    """`image` [N,C,H,W] moved to the right; zero where nothing comes from."""
-    columns = max(-image.shape[-1], min(image.shape[-1], columns))
-    return F.pad(image, (columns, -columns))
+    """`image` [N,C,H,W] moved to the right, with zeros from outside."""
+    if columns < 0:
+        return F.pad(image, (0, -columns))[..., -columns:]
+    return F.pad(image, (columns, 0))[..., : image.shape[-1]]
 
 
 def _sample(image: Tensor, x: Tensor) -> Tensor:

@@ -31,7 +31,7 @@ def export(
     out: Annotated[Path, typer.Option(metavar="FILE", help="The file to write; its folder is made if missing.")],
     weights: Annotated[str, typer.Option(help="A packaged name, or a path.")] = "default",
     stages: Annotated[int | None, typer.Option(min=1, help="The first so many.", show_default="all")] = None,
-    dynamic: Annotated[bool, typer.Option("--dynamic", help="For images of any size; not for aoti.")] = False,
+    dynamic: Annotated[bool, typer.Option("--dynamic", help="For images of any size; pt2 alone.")] = False,
 ) -> None:
     """The network for other runtimes.
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from anynet.errors import AnyNetError, one_line
 from anynet.export.cut import Part, cut, run, whole
-from anynet.export.network import INPUTS, Request, outputs, trace
+from anynet.export.network import INPUTS, Request, check_one_size, outputs, trace
 from anynet.export.pt2 import check_name
 
 WHOLE = "model"
@@ -27,8 +27,7 @@ def export_aoti(request: Request, path: Path) -> None:
     Raises:
         AnyNetError: as of `trace`, for `dynamic`, or if there is no working C++ compiler.
     """
-    if request.dynamic:
-        raise AnyNetError("export: expected images of one size for aoti, got --dynamic: a package is made for a size")
+    check_one_size(request, "aoti")
     check_name(path)
     program = trace(request)
     names = outputs(len(program.graph_signature.user_outputs))

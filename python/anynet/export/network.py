@@ -10,12 +10,12 @@ from torch import Tensor, nn
 from torch.export import Dim, ExportedProgram
 
 from anynet.checkpoint import load_checkpoint
-from anynet.errors import AnyNetError
+from anynet.errors import AnyNetError, one_line
 from anynet.model.config import AnyNetConfig
 from anynet.model.deploy import DeployedAnyNet
 
 INPUTS = ("left", "right")
-FARTHEST_SIDE = 32768  # pixels of an image's height and width
+LARGEST_SIDE = 32768  # pixels of an image's height and width
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Request:
         weights: the name of packaged weights, or a path.
         height, width: of the images; of those that a program of any size is traced with.
         stages: how many, from the first; None: all.
-        dynamic: for images of any size, from `smallest_side` on.
+        dynamic: for images of any size, from `smallest_side` on; for pt2 alone.
     """
 
     weights: str | os.PathLike[str]
@@ -77,17 +77,25 @@ def trace(request: Request) -> ExportedProgram:
         raise AnyNetError(f"export: expected stages from 1 to {config.stages}, got {stages}")
     least = smallest_side(config) if request.dynamic else 1
     for name, side in (("height", request.height), ("width", request.width)):
-        if not least <= side <= FARTHEST_SIDE:
-            raise AnyNetError(f"export: expected {name} from {least} to {FARTHEST_SIDE}, got {side}")
+        if not least <= side <= LARGEST_SIDE:
+            raise AnyNetError(f"export: expected {name} from {least} to {LARGEST_SIDE}, got {side}")
     network = Network(DeployedAnyNet(model), stages).eval()
-    # Two tensors: PyTorch would take one for both images to be part of the program.
+    # Two tensors: of one that stands for both images, PyTorch would make one input.
     images = tuple(torch.zeros(request.height, request.width, 3, dtype=torch.uint8) for _ in INPUTS)
     shapes = None
     if request.dynamic:
-        size = {i: Dim(name, min=least, max=FARTHEST_SIDE) for i, name in enumerate(("height", "width"))}
+        size = {i: Dim(name, min=least, max=LARGEST_SIDE) for i, name in enumerate(("height", "width"))}
         shapes = {name: size for name in INPUTS}
     with torch.no_grad():
-        # Deferred: what PyTorch cannot prove of all sizes is checked when the program runs.
-        return torch.export.export(
-            network, images, dynamic_shapes=shapes, prefer_deferred_runtime_asserts_over_guards=request.dynamic
-        )
+        try:
+            # Deferred: what PyTorch cannot prove of all sizes is checked when the program runs.
+            return torch.export.export(
+                network, images, dynamic_shapes=shapes, prefer_deferred_runtime_asserts_over_guards=request.dynamic
+            )
+        except RuntimeError as error:
+            raise AnyNetError(f"export: PyTorch cannot trace this network: {one_line(error)}") from error
+
+
+def check_one_size(request: Request, format: str) -> None:
+    if request.dynamic:
+        raise AnyNetError(f"export: expected images of one size for {format}, got dynamic, which pt2 alone can be")

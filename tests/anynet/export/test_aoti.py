@@ -28,16 +28,16 @@ def test_it_is_for_one_size(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def package(pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("aoti") / "default.pt2"
-    export_as("aoti", Request("default", *pair.left.shape[:2]), path)
+def package(small_weights: Path, pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("aoti") / "small.pt2"
+    export_as("aoti", Request(small_weights, *pair.left.shape[:2]), path)
     return path
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(3000)
-def test_the_whole_and_stage_by_stage(package: Path, pair: Pair) -> None:
-    expected = pair.disparities("default")
+def test_the_whole_and_stage_by_stage(package: Path, small_weights: Path, pair: Pair) -> None:
+    expected = pair.disparities(small_weights)
     values = {"left": torch.from_numpy(pair.left), "right": torch.from_numpy(pair.right)}
     for one, other in zip(load_package(str(package))(*values.values()), expected, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -51,7 +51,7 @@ def test_the_whole_and_stage_by_stage(package: Path, pair: Pair) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(3000)
 @pytest.mark.skipif(not shutil.which("cmake"), reason="needs CMake, and OpenCV's and libtorch's C++ libraries")
-def test_the_example_in_cpp(package: Path, pair: Pair, tmp_path: Path) -> None:
+def test_the_example_in_cpp(package: Path, small_weights: Path, pair: Pair, tmp_path: Path) -> None:
     configure = ["cmake", "-S", EXAMPLE, "-B", tmp_path, f"-DCMAKE_PREFIX_PATH={torch.utils.cmake_prefix_path}"]
     configured = subprocess.run([*configure, "-DCMAKE_BUILD_TYPE=Release"], check=False, capture_output=True, text=True)
     if "OpenCVConfig.cmake" in configured.stderr:
@@ -63,7 +63,7 @@ def test_the_example_in_cpp(package: Path, pair: Pair, tmp_path: Path) -> None:
         write_image(path, image)
     library, out = anynet_ext.build_info()["library"], tmp_path / "disparity.tiff"
     run = [tmp_path / "anytime", package, library, *images, out]
-    expected = pair.disparities("default")
+    expected = pair.disparities(small_weights)
     for budget, stage in (([], 4), (["0"], 1)):
         told = subprocess.run([*run, *budget], check=True, capture_output=True, text=True).stdout
         assert told.splitlines()[-1].startswith(f"stage {stage}: ")

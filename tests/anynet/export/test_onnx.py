@@ -11,6 +11,7 @@ import torch
 from networks import wild
 from numpy.typing import NDArray
 
+import anynet_ext
 from anynet import AnyNetError, save_checkpoint
 from anynet.export import export_as
 from anynet.export import onnx as exporter
@@ -56,6 +57,25 @@ def test_what_it_needs_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
         export_as("onnx", Request("default", 40, 56), tmp_path / "network.onnx")
 
 
+def test_it_is_for_one_size(tmp_path: Path) -> None:
+    with pytest.raises(AnyNetError, match="expected images of one size for onnx"):
+        export_as("onnx", Request("default", 40, 56, dynamic=True), tmp_path / "network.onnx")
+
+
+class Scans(torch.nn.Module):
+    def forward(self, x: torch.Tensor, gates: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        return tuple(anynet_ext.spatial_propagation(x, gates, direction) for direction in range(4))
+
+
+def test_propagation_in_all_directions(tmp_path: Path) -> None:
+    x, gates = torch.rand(2, 3, 5, 7), torch.rand(2, 3, 3, 5, 7) - 0.4
+    exporter.save(torch.export.export(Scans(), (x, gates)), tmp_path / "scans.onnx", ["x", "gates"], list("abcd"))
+    session = onnxruntime.InferenceSession(tmp_path / "scans.onnx", providers=["CPUExecutionProvider"])
+    found = session.run(None, {"x": x.numpy(), "gates": gates.numpy()})
+    for one, other in zip(found, Scans()(x, gates), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-5)
+
+
 def test_running_minimum() -> None:
     x = torch.rand(2, 3, 77)
     assert torch.equal(exporter._cummin(x, -1)[0], x.cummin(-1).values)
@@ -88,11 +108,3 @@ def test_every_option(name: str, pair: Pair, tmp_path: Path) -> None:
     export_as("onnx", Request(weights, *pair.left.shape[:2]), path)
     assert set(operators(onnx.load(path).graph)) <= OPERATORS
     assert_close(in_onnxruntime(path, pair)[:-1], pair.disparities(weights)[:-1])
-
-
-@pytest.mark.slow
-def test_images_of_any_size(small_weights: Path, pair: Pair, tmp_path: Path) -> None:
-    path = tmp_path / "network.onnx"
-    export_as("onnx", Request(small_weights, 48, 64, dynamic=True), path)
-    assert set(operators(onnx.load(path).graph)) <= OPERATORS
-    assert_close(in_onnxruntime(path, pair)[:-1], pair.disparities(small_weights)[:-1])
