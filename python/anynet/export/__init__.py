@@ -6,6 +6,10 @@ Each has two inputs, `left` and `right`, uint8 RGB [H, W, 3], and an output per 
 
 from __future__ import annotations
 
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,4 +26,19 @@ def export_as(format: str, request: Request, path: Path) -> None:
     Raises:
         AnyNetError: if the request cannot be met, or what the format needs is not installed.
     """
-    getattr(import_module(f"anynet.export.{format}"), f"export_{format}")(request, path)
+    with _quiet():
+        getattr(import_module(f"anynet.export.{format}"), f"export_{format}")(request, path)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without what PyTorch's exporters say about themselves."""
+    logger = logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)

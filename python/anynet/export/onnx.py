@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,18 +32,16 @@ def export_onnx(request: Request, path: Path) -> None:
 
 def save(program: ExportedProgram, path: Path, input_names: Sequence[str], output_names: Sequence[str]) -> None:
     """Writes a program whose only operator of ours is `spatial_propagation`."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the exporter, about itself
-        torch.onnx.export(
-            program,
-            f=path,
-            input_names=input_names,
-            output_names=output_names,
-            opset_version=OPSET,
-            custom_translation_table=translations(),
-            external_data=False,
-            verbose=False,
-        )
+    torch.onnx.export(
+        program,
+        f=path,
+        input_names=input_names,
+        output_names=output_names,
+        opset_version=OPSET,
+        custom_translation_table=translations(),
+        external_data=False,
+        verbose=False,
+    )
 
 
 def translations() -> dict[Callable[..., Any], Callable[..., Any]]:
