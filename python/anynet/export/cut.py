@@ -27,9 +27,10 @@ def whole(program: ExportedProgram, outputs: list[str]) -> Part:
 def cut(program: ExportedProgram, outputs: list[str]) -> list[Part]:
     """One part for each of the program's outputs, which get these names. A part's first output is the program's."""
     module = _module(program)
-    results = module.graph.output_node().args[0]
-    assert isinstance(results, (tuple, list))
-    part_of = _assign([result for result in results if isinstance(result, Node)])
+    (returned,) = module.graph.output_node().args
+    assert isinstance(returned, (tuple, list))
+    results = [result for result in returned if isinstance(result, Node)]
+    part_of = _assign(results)
     names = dict(zip(results, outputs, strict=True))
     parts = []
     for k, result in enumerate(results):
@@ -70,7 +71,8 @@ def _is_used_after(node: Node, part: int, part_of: dict[Node, int]) -> bool:
 
 
 def _part(module: GraphModule, k: int, results: list[Node], part_of: dict[Node, int], names: dict[Node, str]) -> Part:
-    graph, copies = Graph(), {}
+    graph = Graph()
+    copies: dict[Node, Node] = {}
     inputs: list[str] = []
     own = [node for node in module.graph.nodes if part_of.get(node) == k]
     for node in own:
