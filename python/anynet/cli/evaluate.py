@@ -38,7 +38,8 @@ def evaluate(
     data: Annotated[
         list[str],
         typer.Option(
-            help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...]: folders:, csv:, ... (docs/data.md); repeatable."
+            help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...], like kitti2015:DIR, folders:DIR?scale=4 (with "
+            "left/, right/ and disparity/), csv:FILE?scale=1000&unit=mm (docs/data.md); repeatable."
         ),
     ],
     weights: Annotated[

@@ -80,7 +80,7 @@ class DeployedAnyNet(nn.Module):
         coarsest = self.config.stride
         scale = coarsest // self.first_stage.finer
         disparity, distribution = self.first_stage(next(levels), finer)
-        maps: list[Tensor] = [disparity[0, 0].mul_(scale)]  # in pixels of the images
+        maps: list[Tensor] = [disparity[0, 0] * scale]  # in pixels of the images
         scales: list[int] = [scale]  # pixels of the images per pixel of the map
         result = StageResult(maps, scales, size, (distribution, scale), None)
         yield result
@@ -88,7 +88,7 @@ class DeployedAnyNet(nn.Module):
             scale = coarsest >> i
             disparity = _reduced(maps, scales, scale, features.shape[2:], 1 / scale)
             update, distribution = stage(features, disparity[None, None])
-            update = update[0, 0].mul_(scale)
+            update = update[0, 0] * scale
             maps, scales = ([update], [scale]) if stage.replaces else ([*maps, update], [*scales, scale])
             result = StageResult(maps, scales, size, (distribution, scale), result)
             yield result
