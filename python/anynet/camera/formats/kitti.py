@@ -62,8 +62,8 @@ def _choose(cameras: Mapping[int, str], request: Request) -> tuple[int, int, str
     has = {"gray": 0 in cameras and 1 in cameras, "color": 2 in cameras and 3 in cameras}
     pair = request.pair
     if pair is None and all(has.values()) and request.images is not None:
-        folder = request.images.absolute().parent
-        if re.fullmatch(r"image_0?[01]", folder.name) or re.fullmatch(r"image_0?[01]", folder.parent.name):
+        path = request.images.absolute()  # an image, or a folder of them
+        if any(re.fullmatch(r"image_0?[01]", folder.name) for folder in (path, *path.parents[:2])):
             pair = "gray"
     if pair is None:
         pair = "color" if has["color"] or not (has["gray"] or 0 in cameras or 1 in cameras) else "gray"
