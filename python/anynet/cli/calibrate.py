@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from anynet.cli.told import tell
 from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def _frames(left: str, right: str | None) -> Frames:
     elif right is not None:
         pairs, alone = find_pairs(left, right)
         for path in alone:
-            print(f"anynet: {path}: no image of this name in the other folder", file=sys.stderr)
+            tell(f"{path}: no image of this name in the other folder")
         for pair in pairs:
             yield pair.name, *read_pair(pair.left, pair.right)
     else:
@@ -192,7 +192,7 @@ def _epipolar(left: Image, right: Image) -> Image:
 
 def _print(result: BoardCalibration, left_out: list[tuple[str, str]], files: list[Path], as_json: bool) -> None:
     for name, why in left_out:
-        print(f"anynet: {name}: left out: {why}", file=sys.stderr)
+        tell(f"{name}: left out: {why}")
     calibration = result.rectification.calibration
     if as_json:
         report = {

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from anynet.data.files import files_in
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder, read_text, telling_damage, write_atomically
 from anynet.samples import MAX_DISPARITY, Dataset, RenderedSample
@@ -65,7 +66,7 @@ class RenderedFolder(Dataset):
     def __init__(self, root: str | Path) -> None:
         self.name = "rendered"
         self._root = Path(root)
-        self._files = sorted(self._root.glob("*.npy"))
+        self._files = files_in(self._root, "*.npy")
         if not self._files:
             raise AnyNetError(f"{root}: expected files NNNNNNN.npy written by `anynet render`, found none")
 
