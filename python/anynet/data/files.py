@@ -140,8 +140,8 @@ def nothing(root: Path, what: str) -> AnyNetError:
 
 
 def files_in(place: Path, pattern: str) -> list[Path]:
-    """Those that match, sorted, without hidden ones, such as macOS puts beside others (._NAME)."""
-    return sorted(path for path in place.glob(pattern) if path.name[0] != ".")
+    """Files that match, sorted, without hidden ones, such as macOS puts beside others (._NAME), and without pipes."""
+    return sorted(path for path in place.glob(pattern) if path.name[0] != "." and path.is_file())
 
 
 def first_existing(paths: Iterable[Path]) -> Path | None:
