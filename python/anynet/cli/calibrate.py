@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
@@ -142,40 +141,16 @@ def _frames(left: str, right: str | None) -> Frames:
 
 def _filmed(left: str, right: str | None) -> Frames:
     """Frames of videos or cameras: of a video one in some, of a camera all that arrive, until Ctrl-C."""
-    import cv2
+    from anynet.streams import Capture
 
-    from anynet.streams.source import halves
-
-    sources = [left] if right is None else [left, right]
-    captures = []
-    try:
-        for source in sources:
-            captures.append(cv2.VideoCapture(int(source) if source.isdecimal() else source))
-            if not captures[-1].isOpened():
-                what = (
-                    "no such camera"
-                    if source.isdecimal()
-                    else os.strerror(2)
-                    if not Path(source).exists()
-                    else "no video"
-                )
-                raise AnyNetError(f"cannot read {source}: {what}")
-        number = 0
-        while True:
-            try:
-                if not all([capture.grab() for capture in captures]):
-                    return
-                number += 1
-                if not left.isdecimal() and (number - 1) % _STEP:
-                    continue
-                images = [cv2.cvtColor(capture.retrieve()[1], cv2.COLOR_BGR2RGB) for capture in captures]
-            except KeyboardInterrupt:
-                return  # the user has shown enough
-            name = f"frame {number}"
-            yield name, *(halves(images[0], name) if right is None else (images[0], images[1]))  # type: ignore[arg-type]
-    finally:
-        for capture in captures:
-            capture.release()
+    live = left.isdecimal()
+    with Capture([left] if right is None else [left, right], live) as capture:
+        try:
+            for number, frame in enumerate(capture.frames()):
+                if live or number % _STEP == 0:
+                    yield f"frame {number + 1}", frame.left, frame.right
+        except KeyboardInterrupt:
+            return  # the user has shown enough
 
 
 def _epipolar(left: Image, right: Image) -> Image:

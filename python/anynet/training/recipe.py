@@ -134,6 +134,8 @@ class Recipe:
             raise AnyNetError(f"ema_decay must be in [0, 1), got {self.ema_decay}")
         if self.schedule not in ("constant", "step", "cosine"):
             raise AnyNetError(f"schedule must be constant, step or cosine, got {self.schedule!r}")
+        if self.device not in (None, "cpu", "cuda"):
+            raise AnyNetError(f"device must be cpu or cuda, got {self.device!r}")
         if not self.max_grad_norm >= 0:
             raise AnyNetError(f"max_grad_norm must be positive or 0, got {self.max_grad_norm}")
 
