@@ -6,7 +6,7 @@ import os
 import secrets
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from anynet.errors import AnyNetError, one_line
@@ -62,8 +62,11 @@ def check_regular(path: str | os.PathLike[str]) -> None:
     Raises:
         AnyNetError: if it is a pipe, a socket or a device.
     """
-    with suppress(OSError, ValueError):
-        _check_kind(path, os.stat(path).st_mode)
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        return
+    _check_kind(path, mode)
 
 
 def read_bytes(path: str | os.PathLike[str], limit: int | None = None) -> bytes:

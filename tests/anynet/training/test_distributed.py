@@ -8,6 +8,8 @@ import torch
 from planes import finish, log_lines, start
 from safetensors.torch import load_file
 
+from anynet.errors import AnyNetError
+from anynet.training.distributed import process_group
 from anynet.training.loop import WEIGHTS
 
 
@@ -24,3 +26,35 @@ def test_two_processes_equal_one(tmp_path: Path, stage_weights: tuple[int, ...])
     for first, second in zip(log_lines(tmp_path / "one"), log_lines(tmp_path / "two"), strict=True):
         assert second["losses"] == pytest.approx(first["losses"], rel=1e-4)
         assert second["grad_norm"] == pytest.approx(first["grad_norm"], rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("environment", "message"),
+    [
+        (
+            {"WORLD_SIZE": "two"},
+            "expected WORLD_SIZE in the environment to be a number, as torchrun sets it, got 'two'",
+        ),
+        ({"WORLD_SIZE": "9" * 5000}, "expected WORLD_SIZE in the environment"),
+        ({"WORLD_SIZE": "2"}, "expected RANK in the environment to be a number, as torchrun sets it, got None"),
+        ({"WORLD_SIZE": "2", "RANK": "0"}, "cannot join the run's other processes: .*MASTER_ADDR"),
+    ],
+)
+def test_an_environment_that_describes_no_process(
+    monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], message: str
+) -> None:
+    for name in ("WORLD_SIZE", "RANK", "MASTER_ADDR", "MASTER_PORT"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(AnyNetError, match=message), process_group("cpu"):
+        pass
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_the_device_cuda_without_a_gpu() -> None:
+    with (
+        pytest.raises(AnyNetError, match="expected device cpu where PyTorch finds no GPU, got cuda"),
+        process_group("cuda"),
+    ):
+        pass

@@ -81,6 +81,7 @@ def test_stage_weights_must_weigh_something(weights: tuple[float, ...]) -> None:
         ({"schedule": "linear"}, "constant, step or cosine, got 'linear'"),
         ({"input_scale": 2}, "input_scale is for weights to start from"),
         ({"load_partial": True}, "load_partial is for weights to start from"),
+        ({"device": "gpu"}, "device must be cpu or cuda, got 'gpu'"),
         ({"max_grad_norm": -1.0}, "max_grad_norm must be positive or 0, got -1.0"),
     ],
 )
