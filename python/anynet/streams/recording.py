@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -52,6 +53,8 @@ class Recording(Source):
         super().__init__()
         self._path = Path(path)
         check_regular(path)
+        if not 0 <= slop < math.inf:
+            raise AnyNetError(f"expected slop of 0 seconds or more, got {slop:g}")
         self._slop = round(1e9 * slop)
         self._closed = False
         with self._opened() as reader:

@@ -11,7 +11,7 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from anynet.errors import AnyNetError, one_line
-from anynet.io.files import read_text
+from anynet.io.files import MAX_PIXELS, read_text
 from anynet.model import presets
 from anynet.model.config import AnyNetConfig, as_tuples
 from anynet.scheduler import MAX_THREADS
@@ -123,6 +123,10 @@ class Recipe:
             raise AnyNetError("load_partial is for weights to start from")
         if min(self.crop_size) < 64:
             raise AnyNetError(f"crop_size must be at least 64x64, got {self.crop_size[0]}x{self.crop_size[1]}")
+        if self.crop_size[0] * self.crop_size[1] > MAX_PIXELS:
+            raise AnyNetError(
+                f"crop_size must have at most {MAX_PIXELS} pixels, got {self.crop_size[0]}x{self.crop_size[1]}"
+            )
         if not self.learning_rate > 0:
             raise AnyNetError(f"learning_rate must be positive, got {self.learning_rate}")
         for name in ("occluded_weight", "far_weight"):

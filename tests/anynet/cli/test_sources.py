@@ -49,6 +49,7 @@ def test_images_without_a_partner_are_told(folders: tuple[Path, Path]) -> None:
         (["/dev/video77", "/dev/video78"], {}, "cannot open /dev/video77: no such camera"),
         (["none.mp4", "none.mp4"], {}, "cannot open none.mp4"),
         (["none.mcap"], {}, "none.mcap: not a readable ROS bag or MCAP file"),
+        (["none.mcap"], {"slop": float("inf")}, "expected slop of 0 seconds or more, got inf"),
         (["none/*.png", "none/*.png"], {}, "no file matches none/"),
     ],
 )

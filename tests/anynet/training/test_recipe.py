@@ -76,6 +76,7 @@ def test_stage_weights_must_weigh_something(weights: tuple[float, ...]) -> None:
     [
         ({"batch_size": 0}, "batch_size must be at least 1, got 0"),
         ({"crop_size": (32, 512)}, "crop_size must be at least 64x64, got 32x512"),
+        ({"crop_size": (10**9, 64)}, "crop_size must have at most 67108864 pixels, got 1000000000x64"),
         ({"learning_rate": float("nan")}, "learning_rate must be positive, got nan"),
         ({"ema_decay": 1.0}, "ema_decay must be in"),
         ({"schedule": "linear"}, "constant, step or cosine, got 'linear'"),
