@@ -31,7 +31,7 @@ def test_the_papers_network_by_its_old_options() -> None:
     assert legacy.is_legacy(FLAT)
     assert AnyNetConfig.from_dict(legacy.upgrade_options(FLAT)) == presets.paper()
     assert AnyNetConfig.from_dict(legacy.upgrade_options({**FLAT, "reversed_residuals": True})) == presets.authors()
-    assert AnyNetConfig.from_dict(legacy.upgrade_options({**FLAT, "spn_fill": True})) == presets.default()
+    assert AnyNetConfig.from_dict(legacy.upgrade_options({**FLAT, "spn_fill": True})) == presets.filled()
 
 
 @pytest.mark.parametrize(
@@ -51,6 +51,6 @@ def test_every_tensor_of_the_packaged_weights_has_its_place(file: Path) -> None:
     if not legacy.is_legacy(options):
         pytest.skip(f"{file.name} has today's names")
     config = AnyNetConfig.from_dict(legacy.upgrade_options(options))
-    assert config.with_input_scale(1) == {"default": presets.default()}.get(file.stem, presets.large())
+    assert config.with_input_scale(1) == {"paper": presets.filled()}.get(file.stem, presets.large())
     own = {name: tuple(tensor.shape) for name, tensor in AnyNet(config).state_dict().items()}
     assert {legacy.upgrade_name(name): shape for name, shape in shapes.items()} == own

@@ -174,8 +174,12 @@ constexpr int max_rows = 4;
 
 /// As many output rows as share a block whose channels alone would leave registers free.
 constexpr int rows_beside(int channels) { return std::min(max_rows, max_channels / channels); }
-/// As many vectors as fit, besides one register for a weight and, per vector, one for a tap's pixels.
-constexpr int vectors_beside(int channels) { return std::min(6, (registers - 1) / (channels + 1)); }
+/// As many vectors as fit, besides one register for a weight and, per vector, one for a tap's pixels. Of several
+/// channels one more stays free: compilers keep a sum in memory otherwise, and everything waits for it.
+constexpr int vectors_beside(int channels, int rows) {
+  const int free = registers - (channels == 1 ? 1 : 2);
+  return std::min(6, free / (channels * rows + 1));
+}
 
 /// What a block reads: plane[k] (weights kz[k]) and in it row[i], of each channel.
 template <class T>
@@ -303,10 +307,10 @@ Block<T> pick(int64_t vectors, std::integer_sequence<int, V...>) {
 template <class T, int CO>
 Block<T> pick(int64_t rows, int64_t vectors, int64_t stride) {
   constexpr int R = rows_beside(CO);
-  constexpr auto flat = std::make_integer_sequence<int, vectors_beside(CO)>{};
+  constexpr auto flat = std::make_integer_sequence<int, vectors_beside(CO, 1)>{};
   if (stride == 2) return pick<T, CO, 1, 2>(vectors, flat);
   if (rows == 1) return pick<T, CO, 1, 1>(vectors, flat);
-  return pick<T, CO, R, 1>(vectors, std::make_integer_sequence<int, vectors_beside(CO * R)>{});
+  return pick<T, CO, R, 1>(vectors, std::make_integer_sequence<int, vectors_beside(CO, R)>{});
 }
 template <class T>
 Block<T> pick(int64_t channels, int64_t rows, int64_t vectors, int64_t stride) {
@@ -365,7 +369,7 @@ void convolve_rows(const Geometry& g, const Source<T>& source, const Vector<T>& 
       target.bias = bias == nullptr ? nullptr : bias + o;
       const int64_t tall = rows_beside(static_cast<int>(size));
       const int64_t rows = g.stride == 1 && g.dilation == 1 && g.out_height >= tall ? tall : 1;
-      const int64_t most = vectors_beside(static_cast<int>(size * rows)), runs = (vectors + most - 1) / most;
+      const int64_t most = vectors_beside(static_cast<int>(size), static_cast<int>(rows)), runs = (vectors + most - 1) / most;
       for (int64_t top = begin; top < end; top += rows) {
         const int64_t y = std::min(top, g.out_height - rows);  // the last rows of an image may be computed twice
         for (int64_t i = 0; i < rows + 2; ++i) {

@@ -35,7 +35,7 @@ struct Tiling {
   /// the transforms with their sum.
   static bool pays(const Geometry& g) {
     const int64_t C = g.in_channels, O = g.out_channels;
-    const bool many = flat ? C * O > 6 * (C + O) : std::min(C, O) >= 8;
+    const bool many = flat ? C * O > (registers == 16 ? 4 : 6) * (C + O) : std::min(C, O) >= 8;
     return std::is_same_v<T, float> && g.kernel_depth == (flat ? 1 : 3) && g.stride == 1 && g.dilation == 1 && many &&
            g.out_width >= columns && g.out_height > 1 && (flat || g.out_depth > 1);
   }
@@ -205,7 +205,7 @@ Multiply<T> pick_multiply(int64_t vectors, std::integer_sequence<int, V...>) {
   static constexpr Multiply<T> all[] = {multiply<T, taps, CO, V + 1>...};
   return all[vectors - 1];
 }
-constexpr int strip_vectors = vectors_beside(max_channels);
+constexpr int strip_vectors = (registers - 1) / (max_channels + 1);
 template <class T, int taps>
 Multiply<T> pick_multiply(int64_t channels, int64_t vectors) {
   constexpr auto most = std::make_integer_sequence<int, strip_vectors>{};

@@ -40,7 +40,7 @@ class Strip {
         inputs_(12, row()),
         first_(5 * a.channels, row()),
         planes_(a.input_scale == 2 ? 3 * 6 * pitch_ : 0),
-        result_(pitch_) {
+        result_(4 * pitch_) {
     fill_zero<T>(inputs_, 4 * 3 * row());
     fill_zero<T>(first_, 5 * a.channels * row());
   }
@@ -54,10 +54,10 @@ class Strip {
         read(r + 1);
         convolve_first(r);
       }
-      for (int64_t c = 0; c < a_.channels; ++c) {
-        convolve_second(y, c);
-        std::memcpy(out + (c * (a_.height / 4) + y) * quarter_, static_cast<T*>(result_), quarter_ * sizeof(T));
-      }
+      const int64_t plane = a_.height / 4 * quarter_;
+      int64_t o = 0;
+      for (; o + 4 <= a_.channels; o += 4) convolve_second<4>(y, o, out + y * quarter_, plane);
+      for (; o < a_.channels; ++o) convolve_second<1>(y, o, out + y * quarter_, plane);
     }
   }
 
@@ -146,54 +146,75 @@ class Strip {
 
   /// Row r of f, from rows r - 1 to r + 1 of x.
   void convolve_first(int64_t r) {
-    for (int64_t o = 0; o < a_.channels; ++o) {
-      if (r < 0) {
-        fill_zero(first(r, o, 0) - lanes<T>, row());
-        continue;
+    int64_t o = 0;
+    if (r < 0) {
+      for (; o < a_.channels; ++o) fill_zero(first(r, o, 0) - lanes<T>, row());
+      return;
+    }
+    for (; o + 2 <= a_.channels; o += 2) convolve_first<2>(r, o);
+    if (o < a_.channels) convolve_first<1>(r, o);
+  }
+
+  /// Of channels [o, o + N).
+  template <int N>
+  void convolve_first(int64_t r, int64_t o) {
+    const T* in[9];
+    for (int i = 0; i < 9; ++i) in[i] = input(r + i % 3 - 1, i / 3, 0);
+    const T* weight = a_.weight_first + o * 27;
+    for (int64_t j = 0; j < quarter_; j += lanes<T>) {
+      vec<T> sum[N][4];
+      for (int n = 0; n < N; ++n) {
+        for (auto& s : sum[n]) s = splat(a_.bias_first[o + n]);
       }
-      const T* in[9];
-      for (int i = 0; i < 9; ++i) in[i] = input(r + i % 3 - 1, i / 3, 0);
-      const T* weight = a_.weight_first + o * 27;
-      T* out = first(r, o, 0);
-      for (int64_t j = 0; j < quarter_; j += lanes<T>) {
-        vec<T> sum[4];
-        for (auto& s : sum) s = splat(a_.bias_first[o]);
-        for (int i = 0; i < 9; ++i) {
-          const T* p = in[i] + j;
-          const vec<T> x[6] = {load(p + 3 * pitch_ - 1), load(p),    load(p + pitch_), load(p + 2 * pitch_),
-                               load(p + 3 * pitch_),     load(p + 1)};
-          for (int k = 0; k < 3; ++k) {
-            const vec<T> w = splat(weight[3 * i + k]);
-            for (int phase = 0; phase < 4; ++phase) sum[phase] += w * x[phase + k];
+      for (int i = 0; i < 9; ++i) {
+        const T* p = in[i] + j;
+        const vec<T> x[6] = {load(p + 3 * pitch_ - 1), load(p),    load(p + pitch_), load(p + 2 * pitch_),
+                             load(p + 3 * pitch_),     load(p + 1)};
+        for (int k = 0; k < 3; ++k) {
+          for (int n = 0; n < N; ++n) {
+            const vec<T> w = splat(weight[27 * n + 3 * i + k]);
+            for (int phase = 0; phase < 4; ++phase) sum[n][phase] += w * x[phase + k];
           }
         }
-        for (int phase = 0; phase < 4; ++phase) {
-          store(out + phase * pitch_ + j, max<T>(sum[phase], vec<T>{}));
-        }
+      }
+      for (int n = 0; n < N; ++n) {
+        T* out = first(r, o + n, 0) + j;
+        for (int phase = 0; phase < 4; ++phase) store(out + phase * pitch_, max<T>(sum[n][phase], vec<T>{}));
       }
     }
   }
 
-  /// Row y of the output, of channel o, into result_.
-  void convolve_second(int64_t y, int64_t o) {
+  /// Row y of the output, of channels [o, o + N), to rows `plane` apart.
+  template <int N>
+  void convolve_second(int64_t y, int64_t o, T* out, int64_t plane) {
     for (int64_t j = 0; j < quarter_; j += lanes<T>) {
-      vec<T> pooled[2];
+      vec<T> pooled[N][2];
       for (int half = 0; half < 2; ++half) {
-        vec<T> left{}, right{};  // columns 2 j and 2 j + 1 of h
+        vec<T> left[N] = {}, right[N] = {};  // columns 2 j and 2 j + 1 of h
         for (int64_t c = 0; c < a_.channels; ++c) {
-          const T* weight = a_.weight_second + (o * a_.channels + c) * 9;
           for (int ky = 0; ky < 3; ++ky) {
             const T* f = first(4 * y + 2 * half + ky - 1, c, 0) + j;
-            const vec<T> w0 = splat(weight[3 * ky]), w1 = splat(weight[3 * ky + 1]), w2 = splat(weight[3 * ky + 2]);
-            const vec<T> shared = load(f + pitch_);
-            left += w0 * load(f + 3 * pitch_ - 1) + w1 * load(f) + w2 * shared;
-            right += w0 * shared + w1 * load(f + 2 * pitch_) + w2 * load(f + 3 * pitch_);
+            const vec<T> x[5] = {load(f + 3 * pitch_ - 1), load(f), load(f + pitch_), load(f + 2 * pitch_),
+                                 load(f + 3 * pitch_)};
+            for (int n = 0; n < N; ++n) {
+              const T* weight = a_.weight_second + ((o + n) * a_.channels + c) * 9 + 3 * ky;
+              for (int k = 0; k < 3; ++k) {
+                const vec<T> w = splat(weight[k]);
+                left[n] += w * x[k];
+                right[n] += w * x[k + 2];
+              }
+            }
           }
         }
-        pooled[half] = max<T>(left, right);
+        for (int n = 0; n < N; ++n) pooled[n][half] = max<T>(left[n], right[n]);
       }
-      store(result_ + j,
-            max<T>(splat(a_.epilogue.scale[o]) * max<T>(pooled[0], pooled[1]) + splat(a_.epilogue.shift[o]), vec<T>{}));
+      for (int n = 0; n < N; ++n) {
+        const vec<T> value = splat(a_.epilogue.scale[o + n]) * max<T>(pooled[n][0], pooled[n][1]);
+        store(result_ + n * pitch_ + j, max<T>(value + splat(a_.epilogue.shift[o + n]), vec<T>{}));
+      }
+    }
+    for (int n = 0; n < N; ++n) {
+      std::memcpy(out + (o + n) * plane, static_cast<T*>(result_) + n * pitch_, quarter_ * sizeof(T));
     }
   }
 
@@ -204,7 +225,7 @@ class Strip {
   Scratch<T> inputs_, first_;
   Scratch<T> planes_;  // of the last three rows of the image that were deinterleaved
   int64_t held_[3] = {-1, -1, -1};
-  Scratch<T> result_;
+  Scratch<T> result_;  // rows of the output, each with room for whole vectors
 };
 
 }  // namespace

@@ -59,6 +59,13 @@ def evaluate(
         bool, typer.Option("--confidence", help="How good the confidences are, instead of the disparities.")
     ] = False,
     left_right: LeftRight = False,
+    perturb: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Also with what real rigs do to images: rows1, rows2, roll, dark, jpeg, gamma, gain, blur, or all; "
+            "repeatable."
+        ),
+    ] = None,
     splits: Annotated[
         bool, typer.Option("--splits", help="Each weights on its own data, in order: mean and deviation of the splits.")
     ] = False,
@@ -74,7 +81,7 @@ def evaluate(
 
     from anynet.baselines import BaselineConfig, BaselineModel, BaselinePredictor
     from anynet.data import open_dataset
-    from anynet.evaluation import opencv, report
+    from anynet.evaluation import opencv, perturbed, report
     from anynet.evaluation.evaluate import Method, compare
     from anynet.evaluation.methods import open_method
     from anynet.io import write_image
@@ -84,9 +91,12 @@ def evaluate(
         cv2.setNumThreads(threads)
     if left_right and not confidence:
         raise AnyNetError("--left-right belongs to --confidence")
+    perturbations = perturbed.chosen(perturb or [])
+    if perturbations and splits:
+        raise AnyNetError("--perturb excludes --splits")
     if confidence:
-        if model or method or splits:
-            raise AnyNetError("--confidence excludes --model, --method and --splits")
+        if model or method or splits or perturb:
+            raise AnyNetError("--confidence excludes --model, --method, --perturb and --splits")
         regions = [choice.value for choice in region or [Region.all]]
         print(_confidence(data, weights or ["default"], regions, threads, input_scale, left_right, out), end="")
         return
@@ -116,6 +126,21 @@ def evaluate(
     if out is not None:
         make_folder(out)  # before the work, not after it
     progress = Console(stderr=True)
+    if perturbations:
+        tables: dict[str, report.Results] = {perturbed.CLEAN: {}, **{name: {} for name in perturbations}}
+        for spec, samples in named:
+            for kind, table in tables.items():
+                with progress.status(f"{kind}: {', '.join(dict(methods))} on {spec}"):
+                    changed = samples if kind == perturbed.CLEAN else perturbed.Perturbed(samples, kind)
+                    for (name, where), evaluation in compare(dict(methods), changed, regions).items():
+                        table[name, spec, where] = evaluation
+        text = perturbed.markdown(tables)
+        if out is not None:
+            write_atomically(out / "results.md", text.encode())
+            values = {kind: report.to_json(table) for kind, table in tables.items()}
+            write_atomically(out / "results.json", json.dumps(values, indent=2).encode())
+        print(text, end="")
+        return
     results: report.Results = {}
     numbers = count()  # of the figures
     for runs, (spec, samples) in rounds:

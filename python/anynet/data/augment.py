@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from anynet.data.perturb import as_by_a_rig
 from anynet.errors import AnyNetError
 from anynet.samples import MAX_DISPARITY, RenderedSample, StereoSample
 
@@ -136,12 +137,14 @@ def augment(
     scales: tuple[float, float] = (0.7, 1.6),
     photometric: bool = True,
     occluders: float = 0.3,
+    perturb: bool = False,
 ) -> StereoSample:
     """A random crop (height, width) of the pair, changed at random in ways that keep it a proper pair.
 
     Scale by a factor from `scales`, log-uniform (no smaller than the crop allows); upside down; for rendered pairs
     also mirrored with the views exchanged; exposure and color per view; with probability `occluders`, patches of the
-    right view hidden (their truth stays: the network learns to fill in). The result's `noc` is `non_occluded`.
+    right view hidden (their truth stays: the network learns to fill in); with `perturb`, also what real rigs do
+    (`as_by_a_rig`). The result's `noc` is `non_occluded`.
     """
     if isinstance(sample, RenderedSample) and rng.random() < 0.5:
         sample = mirrored(sample)
@@ -153,6 +156,8 @@ def augment(
     if photometric:
         images = _photometric(images, rng)
     hidden = _occlude(images[1], rng) if rng.random() < occluders else None
+    if perturb:
+        images = as_by_a_rig(*images, rng)
     valid = sample.valid & (sample.disparity < MAX_DISPARITY)
     noc = valid & non_occluded(sample, hidden)
     flip = slice(None, None, -1 if rng.random() < 0.2 else 1)

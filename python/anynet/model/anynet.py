@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from anynet.errors import AnyNetError
 from anynet.model.config import MEAN, STD, AnyNetConfig
 from anynet.model.features import SeparateFeatures, UNet
-from anynet.model.first_stage import FirstStage
+from anynet.model.first_stage import first_stage
 from anynet.model.refinement import Refinement
 from anynet.model.residual_stage import residual_stage
 from anynet_ext import resize
@@ -30,7 +30,7 @@ class AnyNet(nn.Module):
         super().__init__()
         self.config = config = config or AnyNetConfig()
         self.features = SeparateFeatures(config.features) if config.features.separate else UNet(config.features)
-        self.first_stage = FirstStage(config)
+        self.first_stage = first_stage(config)
         self.residual_stages = nn.ModuleList(residual_stage(config, i) for i in range(config.features.blocks))
         self.refinement = Refinement(config.refinement, config.finest)
 
@@ -76,7 +76,7 @@ class AnyNet(nn.Module):
         finer = skips[-2]
         levels = self.features.decode(skips)
         coarsest = next(levels)
-        estimate = resize(self.first_stage(coarsest, finer), size, scale=self.config.stride)
+        estimate = resize(self.first_stage(coarsest, finer), size, scale=self.config.stride // self.first_stage.finer)
         yield estimate
         for stage, features in zip(self.residual_stages, levels, strict=True):
             h, w = features.shape[2:]

@@ -50,8 +50,10 @@ class FirstStageConfig:
 
     Args:
         range: first and last disparity to test, in pixels of these features.
+        dims: of the cost network's convolutions. 2: the disparities are channels (`FlatFirstStage`), and the estimate
+            has twice the features' resolution. Paper: 3.
         channels: of the cost network.
-        layers: its convolutions between the first and the last one.
+        layers: its convolutions between the first and the last one; of two dimensions, those after the hourglass.
         hourglass: halvings of the volume in the middle of the network, which see wide surfaces as a whole. Paper: 0.
         fine_costs: also compare features of twice the resolution, those of the U-Net's way down, in a cost volume that
             a strided convolution adds to its own: so it can tell things thinner than its pixels. Paper: no.
@@ -60,6 +62,7 @@ class FirstStageConfig:
     """
 
     range: tuple[int, int] = (0, 11)
+    dims: int = 3
     channels: int = 16
     layers: int = 4
     hourglass: int = 0
@@ -68,11 +71,17 @@ class FirstStageConfig:
 
     def __post_init__(self) -> None:
         check_range(self, "range", self.range)
+        check_whole(self, "dims", 2, 3)
         check_whole(self, "channels", 1, 256)
         check_whole(self, "layers", 0, 16)
         check_whole(self, "hourglass", 0, 4)
         check_flag(self, "fine_costs")
         check_flag(self, "excitation")
+        if self.dims == 2 and (self.fine_costs or not self.hourglass):
+            raise AnyNetError(
+                "FirstStageConfig: expected an hourglass and no fine_costs with 2 dims, which compare finer features "
+                f"anyway, got hourglass {self.hourglass} and fine_costs {self.fine_costs}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,8 +196,12 @@ class AnyNetConfig:
             raise AnyNetError(
                 f"AnyNetConfig: expected groups to divide the finest features' {finest} channels, got {self.groups}"
             )
-        if not self.groups and (self.first_stage.fine_costs or self.residual_stages.candidate_radius):
-            raise AnyNetError("AnyNetConfig: expected groups above 0 with fine_costs or candidate_radius, got 0")
+        comparing = self.first_stage.fine_costs or self.first_stage.dims == 2 or self.residual_stages.candidate_radius
+        if not self.groups and comparing:
+            raise AnyNetError(
+                "AnyNetConfig: expected groups above 0 with fine_costs, candidate_radius or a first stage of 2 dims, "
+                "got 0"
+            )
         for name in ("ranges", "channels"):
             count = len(getattr(self.residual_stages, name))
             if count != self.features.blocks:
@@ -221,9 +234,12 @@ class AnyNetConfig:
     def with_input_scale(self, input_scale: float) -> AnyNetConfig:
         """For the same weights, another scale: above 1, the first stage reaches as far in the images' pixels.
 
-        Below 1 it keeps its range: smaller images are for larger disparities, or for less time.
+        Below 1 it keeps its range: smaller images are for larger disparities, or for less time. So it does where the
+        disparities are its channels.
         """
         other = replace(self, input_scale=input_scale)
+        if self.first_stage.dims == 2:
+            return other
         growth = max(other.input_scale, 1) / max(self.input_scale, 1)
         first, last = self.first_stage.range
         reach = math.floor(first * growth), math.ceil((last + 1) * growth) - 1

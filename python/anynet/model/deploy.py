@@ -45,8 +45,8 @@ class DeployedAnyNet(nn.Module):
 
     The estimates are never added up at full size before somebody wants to see one. Each stage's result stays small, and
     since pixels are areas, what the next stage needs, the sum enlarged to full size and reduced to the features' size,
-    is exactly the small results enlarged to the features' size. (A stage that replaces the estimate leaves a sum of one
-    term.)
+    is exactly the small results enlarged to the features' size, or blurred a little if they have it already. (A stage
+    that replaces the estimate leaves a sum of one term.)
 
     `config.zoom` is the caller's: the images are taken as they are.
     """
@@ -77,23 +77,22 @@ class DeployedAnyNet(nn.Module):
         skips = self.features.encode(left, right)
         finer = skips[-2]
         levels = self.features.decode(skips)
-        scale = self.config.stride
+        coarsest = self.config.stride
+        scale = coarsest // self.first_stage.finer
         disparity, distribution = self.first_stage(next(levels), finer)
         maps: list[Tensor] = [disparity[0, 0].mul_(scale)]  # in pixels of the images
         scales: list[int] = [scale]  # pixels of the images per pixel of the map
         result = StageResult(maps, scales, size, (distribution, scale), None)
         yield result
-        for stage, features in zip(self.residual_stages, levels, strict=True):
-            scale //= 2
-            disparity = sum_at(maps, [s // scale for s in scales], features.shape[2:], 1 / scale)
+        for i, (stage, features) in enumerate(zip(self.residual_stages, levels, strict=True), 1):
+            scale = coarsest >> i
+            disparity = _reduced(maps, scales, scale, features.shape[2:], 1 / scale)
             update, distribution = stage(features, disparity[None, None])
             update = update[0, 0].mul_(scale)
             maps, scales = ([update], [scale]) if stage.replaces else ([*maps, update], [*scales, scale])
             result = StageResult(maps, scales, size, (distribution, scale), result)
             yield result
-        disparity = _blur(maps[-1], scale)
-        if len(maps) > 1:
-            disparity += sum_at(maps[:-1], [s // scale for s in scales[:-1]], disparity.shape)
+        disparity = _reduced(maps, scales, scale, maps[-1].shape)
         refined = self.refinement(left, right, disparity[None, None])[0, 0]
         yield StageResult([refined], [scale * disparity.shape[1] // refined.shape[1]], size, None, result)
 
@@ -104,8 +103,19 @@ def sum_at(maps: list[Tensor], ratios: list[int], size: Sequence[int], gain: flo
     return out
 
 
+def _reduced(maps: list[Tensor], scales: list[int], scale: int, size: Sequence[int], gain: float = 1.0) -> Tensor:
+    """[h, w]: the sum of the maps, each enlarged to full size and reduced to one pixel per `scale`; times `gain`."""
+    if scales[-1] > scale:
+        return sum_at(maps, [s // scale for s in scales], size, gain)
+    disparity = _blur(gain * maps[-1], scale)
+    if len(maps) > 1:
+        disparity += sum_at(maps[:-1], [s // scale for s in scales[:-1]], size, gain)
+    return disparity
+
+
 def _blur(x: Tensor, factor: int) -> Tensor:
-    """Enlarged 2 or 4 times and reduced again: 1/8, 3/4, 1/8 or 1/16, 7/8, 1/16 along both axes; the border goes on."""
+    """Enlarged 2 or more times and reduced again: 1/8, 3/4, 1/8 or 1/16, 7/8, 1/16 and so on along both axes; the
+    border goes on."""
     side = 1 / (4 * factor)
     for d in (0, 1):
         n = x.shape[d]

@@ -105,7 +105,7 @@ class PreActivation(nn.Module):
     def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
         x = norm_relu(x, self.norm)
         if self.excitation is not None:
-            x = x * excitation_weights(self.excitation(guide))
+            x = x * excitation_weights(self.excitation(guide), x)
         out: Tensor = self.conv(x)
         return out
 
@@ -124,13 +124,14 @@ class DeployedExcitation(nn.Module):
         self.excitation, self.conv = excitation, conv
 
     def forward(self, x: Tensor, guide: Tensor) -> Tensor:
-        out: Tensor = self.conv(x.mul_(excitation_weights(self.excitation(guide))))
+        out: Tensor = self.conv(x.mul_(excitation_weights(self.excitation(guide), x)))
         return out
 
 
-def excitation_weights(logits: Tensor) -> Tensor:
-    """[N, C, H, W], any values, to weights of a volume [N, C, D, H, W]: 0 to 2."""
-    return (2 * logits.sigmoid())[:, :, None]
+def excitation_weights(logits: Tensor, x: Tensor) -> Tensor:
+    """[N, C, H, W], any values, to weights of a picture or volume `x` [N, C, (D,) H, W]: 0 to 2."""
+    weights = 2 * logits.sigmoid()
+    return weights if x.dim() == 4 else weights[:, :, None]
 
 
 def norm_relu(x: Tensor, norm: nn.Module) -> Tensor:
@@ -169,18 +170,18 @@ def chain(channels: list[int]) -> nn.Sequential:
 
 
 class Hourglass(nn.Module):
-    """Adds to a volume what its surroundings say: halved in all three dimensions, looked at, and enlarged again.
+    """Adds to a volume or picture what its surroundings say: halved in all dimensions, looked at, and enlarged again.
 
-    Begins as the identity. Inside, it has twice the volume's channels, on every level.
+    Begins as the identity. Inside, it has `inner` channels, on every level.
     """
 
-    def __init__(self, channels: int, inner: int, levels: int, guide: int = 0) -> None:
+    def __init__(self, channels: int, inner: int, levels: int, guide: int = 0, *, dims: int = 3) -> None:
         super().__init__()
-        self.down = PreActivation(channels, inner, dims=3, stride=2)
-        self.inner = nn.Sequential(PreActivation(inner, inner, dims=3, guide=guide))
+        self.down = PreActivation(channels, inner, dims=dims, stride=2)
+        self.inner = nn.Sequential(PreActivation(inner, inner, dims=dims, guide=guide))
         if levels > 1:
-            self.inner.append(Hourglass(inner, inner, levels - 1, guide))
-        self.up = PreActivation(inner, channels, dims=3)
+            self.inner.append(Hourglass(inner, inner, levels - 1, guide, dims=dims))
+        self.up = PreActivation(inner, channels, dims=dims)
         nn.init.zeros_(self.up.conv.weight)
 
     def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
@@ -203,9 +204,7 @@ class DeployedHourglass(nn.Module):
             self.register_buffer(name, value)
 
     def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
-        coarse = run(self.layers, x, _halved(guide))
-        out: Tensor = _ops.upsample_add.default(x, coarse, self.scale, self.shift)
-        return out
+        return deployed_upsample_add(x, run(self.layers, x, _halved(guide)), (self.scale, self.shift))
 
 
 def _halved(guide: Tensor | None) -> Tensor | None:
@@ -214,10 +213,20 @@ def _halved(guide: Tensor | None) -> Tensor | None:
 
 
 def upsample_add(x: Tensor, coarse: Tensor) -> Tensor:
-    """`x` [N, C, D, H, W] plus the volume [N, C, d, h, w], trilinear, in its size."""
+    """`x` [N, C, (D,) H, W] plus the volume or picture [N, C, (d,) h, w], linear, in its size."""
+    if x.dim() == 4:
+        return resize(coarse, (x.shape[2], x.shape[3]), add=x)
     n, c, depth, height, width = x.shape
     planes = resize(coarse.flatten(1, 2), (height, width)).view(n, c, -1, height * width)
     return resize(planes, (depth, height * width), add=x.view(n, c, depth, -1)).view_as(x)
+
+
+def deployed_upsample_add(x: Tensor, coarse: Tensor, affine: Affine) -> Tensor:
+    """relu(scale `upsample_add(x, coarse)` + shift)."""
+    if x.dim() == 4:
+        return deployed_upsample_add(x[:, :, None], coarse[:, :, None], affine)[:, :, 0]
+    out: Tensor = _ops.upsample_add.default(x, coarse, *affine)
+    return out
 
 
 def run(layers: Iterable[Callable[..., Tensor]], x: Tensor, guide: Tensor | None = None) -> Tensor:

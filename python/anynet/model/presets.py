@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from anynet.model.config import (
     AnyNetConfig,
     FeaturesConfig,
@@ -16,14 +18,19 @@ def paper() -> AnyNetConfig:
     return AnyNetConfig()
 
 
+def filled() -> AnyNetConfig:
+    """Of the weights `paper`: the paper's, with occlusions filled before the refinement."""
+    return AnyNetConfig(refinement=RefinementConfig(fill_occlusions=True))
+
+
 def authors() -> AnyNetConfig:
     """Of the authors' released code and weights: the paper's, but that residuals are searched the other way round."""
     return AnyNetConfig(residual_stages=ResidualStagesConfig(reverse=True))
 
 
 def default() -> AnyNetConfig:
-    """Of the weights `default`: the paper's, with occlusions filled before the refinement."""
-    return AnyNetConfig(refinement=RefinementConfig(fill_occlusions=True))
+    """Of the weights `default`: `large` with a first stage of two dimensions."""
+    return replace(large(), first_stage=FirstStageConfig(dims=2, channels=32, layers=1, hourglass=3, excitation=True))
 
 
 def large() -> AnyNetConfig:
@@ -37,4 +44,4 @@ def large() -> AnyNetConfig:
     )
 
 
-NETWORKS = {"paper": paper, "authors": authors, "default": default, "large": large}
+NETWORKS = {"paper": paper, "authors": authors, "filled": filled, "default": default, "large": large}

@@ -45,7 +45,10 @@ class _Crops(Dataset["Item | AnyNetError"]):
             self._order = np.random.default_rng((recipe.seed, 0, epoch)).permutation(len(self._samples))
         rng = np.random.default_rng((recipe.seed, 1, draw))
         sample = self._samples[int(self._order[place])]
-        sample = (augment if recipe.augment else random_crop)(sample, recipe.crop_size, rng)
+        if recipe.augment:
+            sample = augment(sample, recipe.crop_size, rng, perturb=recipe.perturb)
+        else:
+            sample = random_crop(sample, recipe.crop_size, rng)
         assert sample.noc is not None  # crops say what they show
         disparity = np.where(sample.valid, sample.disparity, 0).astype(np.float32)
         weights = np.where(sample.noc, np.float32(1), np.float32(recipe.occluded_weight) * sample.valid)

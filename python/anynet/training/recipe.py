@@ -71,6 +71,9 @@ class Recipe:
     batch_size: int = _option(6, "Pairs per step, over all processes.")
     crop_size: tuple[int, int] = _option((256, 512), "Height and width of the training crops.")
     augment: bool = _option(True, "Vary scale, color, noise and occlusion, not only the place of the crop.")
+    perturb: bool = _option(
+        False, "Vary also what real rigs do: rows that do not meet, exposure, noise, focus, compression."
+    )
     learning_rate: float = _option(2e-3, "Learning rate of Adam.")
     schedule: Schedule = _option(
         "cosine", "Learning rate over the run: constant, step (a tenth after --milestone) or cosine."
@@ -121,6 +124,8 @@ class Recipe:
             raise AnyNetError("weights are AnyNet's; a model of another name begins with random ones")
         if self.load_partial and self.weights is None:
             raise AnyNetError("load_partial is for weights to start from")
+        if self.perturb and not self.augment:
+            raise AnyNetError("perturb is a part of augment, which is off")
         if min(self.crop_size) < 64:
             raise AnyNetError(f"crop_size must be at least 64x64, got {self.crop_size[0]}x{self.crop_size[1]}")
         if self.crop_size[0] * self.crop_size[1] > MAX_PIXELS:
@@ -193,8 +198,7 @@ class Recipe:
 
 ENLARGED = Recipe(
     weights="large",
-    network=presets.large(),
-    input_scale=2,
+    network=presets.large().with_input_scale(2),
     steps=6_500,
     batch_size=3,
     crop_size=(192, 384),
@@ -210,7 +214,17 @@ PRESETS: dict[str, Recipe] = {
     "paper-sceneflow": Recipe(epochs=10, learning_rate=5e-4, schedule="constant", augment=False, max_grad_norm=0.0),
     "paper-kitti": Recipe(epochs=300, learning_rate=5e-4, schedule="step", augment=False, max_grad_norm=0.0),
     # The weights that ship; what differs from the paper, and why, is in docs/weights.md.
-    "default": Recipe(network=presets.default(), steps=8_000, learning_rate=2e-3, warmup_steps=100),
+    "paper": Recipe(network=presets.filled(), steps=8_000, learning_rate=2e-3, warmup_steps=100),
+    "default": Recipe(
+        network=presets.default(),
+        steps=8_000,
+        learning_rate=1e-3,
+        warmup_steps=100,
+        perturb=True,
+        robust_scale=3.0,
+        occluded_weight=0.5,
+        far_weight=0.2,
+    ),
     "large": Recipe(
         network=presets.large(), steps=7_000, batch_size=4, learning_rate=2e-3, warmup_steps=100, occluded_weight=0.2
     ),

@@ -35,6 +35,11 @@ def test_the_first_stage_reaches_as_far_at_any_input_scale(before: float, after:
     assert config.with_input_scale(before) == config
 
 
+def test_a_flat_first_stage_keeps_its_range_whatever_the_input_scale() -> None:
+    config = presets.default()
+    assert config.with_input_scale(2) == replace(config, input_scale=2)
+
+
 def test_input_scale_is_shared_by_network_and_caller() -> None:
     parts = {scale: (replace(AnyNetConfig(), input_scale=scale)) for scale in (0.5, 1, 1.5, 2, 3, 4)}
     assert {scale: (c.enlargement, c.zoom) for scale, c in parts.items()} == {
@@ -54,6 +59,12 @@ def test_input_scale_is_shared_by_network_and_caller() -> None:
     [
         ({"features.blocks": 1}, "residual_stages.ranges for each of 1 stages"),
         ({"residual_stages.channels": [4]}, "residual_stages.channels for each of 2 stages .*, got 1"),
+        ({"first_stage.dims": 4}, "dims from 2 to 3, got 4"),
+        (
+            {"first_stage.dims": 2},
+            "an hourglass and no fine_costs with 2 dims, .*, got hourglass 0 and fine_costs False",
+        ),
+        ({"first_stage.dims": 2, "first_stage.hourglass": 1, "groups": 0}, "groups above 0 with .* 2 dims, got 0"),
         ({"input_scale": 0}, "input_scale from 0.0625 to 4, got 0"),
         ({"input_scale": float("nan")}, "input_scale from 0.0625 to 4, got nan"),
         ({"input_scale": True}, "input_scale from 0.0625 to 4, got True"),

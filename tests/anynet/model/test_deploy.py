@@ -55,7 +55,7 @@ def test_it_does_not_change_with_the_model_it_was_made_of() -> None:
     assert all(torch.equal(one, other) for one, other in zip(network(*pair), before, strict=True))
 
 
-@pytest.mark.parametrize(("weights", "kind"), [("default", DeployedResidualStage), ("large", DeployedCandidateStage)])
+@pytest.mark.parametrize(("weights", "kind"), [("paper", DeployedResidualStage), ("large", DeployedCandidateStage)])
 def test_packaged_weights_are_deployed_part_by_part(weights: str, kind: type) -> None:
     network = DeployedAnyNet(load_checkpoint(weights))
     assert [type(stage) for stage in network.residual_stages] == [kind, kind]

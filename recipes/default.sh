@@ -1,0 +1,18 @@
+#!/bin/sh
+# The weights `default`: features and later stages of `large`, a first stage of its own; about two hours on two cores.
+#
+#     recipes/default.sh FOLDER
+#
+# The pairs, the runs and the weights go there. Interrupted and started again, it goes on where it was.
+# With PAIRS and STEPS in the environment it is shorter.
+set -e
+out=${1:?expected a folder for the pairs and runs}
+anynet render --out "$out/first" --count "${PAIRS:-800}" --seed 500000
+anynet render --out "$out/second" --count "${PAIRS:-400}" --seed 500800
+# The new first stage alone, on features that already know how to compare.
+anynet finetune --preset default --weights large --load-partial --steps "${STEPS:-4000}" --seed 1 \
+    --learning-rate 1.5e-3 --stage-weights 1 --stage-weights 0 --stage-weights 0 --stage-weights 0 \
+    --data "rendered:$out/first" --out "$out/default-first-stage" --resume
+anynet finetune --preset default --weights "$out/default-first-stage/weights.safetensors" --steps "${STEPS:-3200}" \
+    --seed 2 --stage-weights 1 --stage-weights 0.5 --stage-weights 1 --stage-weights 1 \
+    --data "rendered:$out/first" --data "rendered:$out/second" --out "$out/default" --resume
