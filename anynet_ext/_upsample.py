@@ -12,15 +12,24 @@ from anynet_ext._register import register_inference
 
 
 def upsample_sum(
-    maps: Sequence[Tensor], ratios: Sequence[int], height: int, width: int, *, gain: float = 1.0
+    maps: Sequence[Tensor],
+    ratios: Sequence[int],
+    height: int,
+    width: int,
+    *,
+    gains: Sequence[float] | None = None,
+    side: float = 0.0,
 ) -> Tensor:
-    """Maps upsampled to one size, and added: `gain * sum_i bilinear(maps[i])`, for inference on the CPU.
+    """Maps upsampled to one size, and added: `sum_i gains[i] * bilinear(maps[i])`, for inference.
 
     Interpolation is PyTorch's with align_corners=False, by `ratios[i]` (a power of two) in both directions; the result
     is cropped to its top left `height` x `width`.
 
     Args:
         maps: 1 to 8, each [H_i, W_i] float32, contiguous, with ratios[i] * H_i >= height, and likewise across.
+        gains: one per map; default: 1.
+        side: if not 0, the last map, of ratio 1, is smoothed first: along both axes, each value becomes 1 - 2 side of
+            itself and `side` of both its neighbors, the border being its own. At most 0.5.
 
     Returns:
         [height, width] float32.
@@ -28,7 +37,8 @@ def upsample_sum(
     Raises:
         RuntimeError: if an argument has the wrong dtype or shape.
     """
-    out: Tensor = torch.ops.anynet.upsample_sum(list(maps), list(ratios), gain, height, width)
+    gains = [1.0] * len(maps) if gains is None else list(gains)
+    out: Tensor = torch.ops.anynet.upsample_sum(list(maps), list(ratios), gains, side, height, width)
     return out
 
 
@@ -72,7 +82,9 @@ def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) ->
     return out
 
 
-def _fake_upsample_sum(maps: list[Tensor], ratios: list[int], gain: float, height: int, width: int) -> Tensor:
+def _fake_upsample_sum(
+    maps: list[Tensor], ratios: list[int], gains: list[float], side: float, height: int, width: int
+) -> Tensor:
     return maps[0].new_empty(height, width)
 
 

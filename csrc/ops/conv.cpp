@@ -4,7 +4,7 @@
 #include <tuple>
 #include <vector>
 
-#include "tensor.h"
+#include "backend.h"
 
 namespace anynet::ops {
 namespace {
@@ -58,11 +58,12 @@ void check_conv_weight(const Tensor& weight, int64_t dimensions, int64_t in_chan
 }
 
 void check_conv_vector(const std::optional<Tensor>& vector, const char* name, int64_t dimensions, int64_t channels,
-                       ScalarType dtype) {
+                       const Tensor& input) {
   if (!vector) return;
-  ANYNET_CHECK(vector->dim() == 1 && vector->size(0) == channels && vector->scalar_type() == dtype,
+  ANYNET_CHECK(vector->dim() == 1 && vector->size(0) == channels && vector->scalar_type() == input.scalar_type(),
                conv_name(dimensions), ": expected ", name, " of shape [", channels, "] and the input's dtype, got ",
                shape(*vector));
+  check_device(conv_name(dimensions), name, *vector, input);
 }
 
 using torch::stable::contiguous;
@@ -87,9 +88,10 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
   check_conv_input(input, dimensions, stride);
   check_conv_weight(weight, dimensions, input.size(1));
   ANYNET_CHECK(weight.scalar_type() == dtype, conv_name(dimensions), ": input and weight must have one dtype");
-  check_conv_vector(bias, "bias", dimensions, weight.size(0), dtype);
-  check_conv_vector(scale, "scale", dimensions, input.size(1), dtype);
-  check_conv_vector(shift, "shift", dimensions, input.size(1), dtype);
+  check_device(conv_name(dimensions), "weight", weight, input);
+  check_conv_vector(bias, "bias", dimensions, weight.size(0), input);
+  check_conv_vector(scale, "scale", dimensions, input.size(1), input);
+  check_conv_vector(shift, "shift", dimensions, input.size(1), input);
   ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),
                ": expected both or none of scale and shift");
   const Tensor x = contiguous(input), w = contiguous(weight);
@@ -106,11 +108,12 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
                        relu_in,
                        relu_out,
                        static_cast<T*>(out.mutable_data_ptr())};
-    anynet::conv(chosen_isa(), args, num_threads());
+    ANYNET_RUN(conv, args, input);
   });
   return out;
 }
 
+#ifdef ANYNET_OPS_CPU  // on CUDA the derivatives are PyTorch's (anynet_ext/_conv.py)
 template <int64_t dimensions>
 Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::optional<Tensor> before,
                            std::vector<int64_t> input_size, int64_t stride) {
@@ -142,8 +145,8 @@ std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor
                    grad.scalar_type() == input.scalar_type(),
                conv_name(dimensions), ": expected grad of the output's shape and dtype for input ", shape(input),
                ", got ", shape(grad));
-  check_conv_vector(scale, "scale", dimensions, input.size(1), input.scalar_type());
-  check_conv_vector(shift, "shift", dimensions, input.size(1), input.scalar_type());
+  check_conv_vector(scale, "scale", dimensions, input.size(1), input);
+  check_conv_vector(shift, "shift", dimensions, input.size(1), input);
   ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),
                ": expected both or none of scale and shift");
   const Tensor g = contiguous(grad), x = contiguous(input);
@@ -165,10 +168,12 @@ std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor
   });
   return {grad_weight, grad_bias};
 }
+#endif
 
 }  // namespace
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   for (const std::string name : {"conv3x3", "conv3x3x3"}) {
     ANYNET_SCHEMA(
         m,
@@ -186,14 +191,17 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
             .c_str());
   }
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("conv3x3", TORCH_BOX(&conv<2>));
+  m.impl("conv3x3x3", TORCH_BOX(&conv<3>));
+#ifdef ANYNET_OPS_CPU
   m.impl("conv3x3_backward_input", TORCH_BOX(&conv_backward_input<2>));
   m.impl("conv3x3_backward_weight", TORCH_BOX(&conv_backward_weight<2>));
-  m.impl("conv3x3x3", TORCH_BOX(&conv<3>));
   m.impl("conv3x3x3_backward_input", TORCH_BOX(&conv_backward_input<3>));
   m.impl("conv3x3x3_backward_weight", TORCH_BOX(&conv_backward_weight<3>));
+#endif
 }
 
 }  // namespace anynet::ops

@@ -62,7 +62,7 @@ def gather_evidence(
         disparities.insert(0, _at(step, scale, size))
         if step.spread is not None:
             distribution, stride = step.spread
-            deviations.insert(0, sum_at([distribution.deviation()], [stride // scale], size, stride))
+            deviations.insert(0, sum_at([distribution.deviation()], [stride // scale], size, [stride]))
         step = step.before
     disparity = disparities[-1]
     outside, behind = (scale * distance for distance in reference.occlusion_distances(disparity / scale))
