@@ -1,6 +1,6 @@
 """Stereo operators for PyTorch: import this, then use the functions here or `torch.ops.anynet.*`.
 
-Those of the deployed network are for inference: float32, on the CPU, without gradients. On the CPU, all raise
+Those of the deployed network are for inference: float32, without gradients. On the CPU, all raise
 MemoryError if there is not enough for their scratch, and run on one thread in a forked process.
 `anynet_ext.reference` has every operator again in plain PyTorch.
 """

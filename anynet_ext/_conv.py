@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from anynet_ext import _checks, _library, reference  # noqa: F401  (loads the operators)
+from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
 from anynet_ext._register import register
 
 CHANNELS = 64
@@ -32,7 +32,7 @@ def conv3x3(
     It is for layers whose channels are few and pixels many, where general libraries reach a few per cent of a CPU's
     arithmetic: pixels lie in the vector registers, in PyTorch's own layout, and nothing is reordered. Prefer PyTorch's
     (oneDNN's) convolutions for more than 32 channels out, for other kernel sizes, and for rows much shorter than a
-    vector (16 pixels). On CUDA tensors this calls PyTorch's own.
+    vector (16 pixels). On CUDA tensors the derivatives are PyTorch's own.
 
     Args:
         input: [N, C, H, W], float32 or float64, 1 <= C <= 64; made contiguous if it is not.
@@ -157,22 +157,6 @@ def _register(name: str, dimensions: int) -> None:
         if scale is None or shift is None:
             return input
         return input * scale.view(channels_last) + shift.view(channels_last)
-
-    @torch.library.impl(op, "CUDA")
-    def _cuda(
-        input: Tensor,
-        weight: Tensor,
-        bias: Tensor | None,
-        scale: Tensor | None,
-        shift: Tensor | None,
-        stride: int,
-        relu_in: bool,
-        relu_out: bool,
-    ) -> Tensor:
-        function = reference.conv3x3 if dimensions == 2 else reference.conv3x3x3
-        return function(
-            input, weight, bias, stride=stride, scale=scale, shift=shift, relu_in=relu_in, relu_out=relu_out
-        ).contiguous()
 
     def _convolution_backward(
         grad: Tensor, input: Tensor, weight: Tensor, stride: int, mask: list[bool]

@@ -45,7 +45,7 @@ def upsample_sum(
 def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     """`relu(scale * cat([skip, upsampled coarse]) + shift)`: a U-Net's skip connection and the next epilogue.
 
-    Bilinear with align_corners=True. For inference on the CPU.
+    Bilinear with align_corners=True. For inference.
 
     Args:
         skip: [N, S, H, W] float32, contiguous, as are all.
@@ -65,7 +65,7 @@ def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) 
 def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     """`relu(scale * (input + upsampled coarse) + shift)`: an hourglass's skip connection and the next epilogue.
 
-    Trilinear with align_corners=False. For inference on the CPU.
+    Trilinear with align_corners=False. For inference.
 
     Args:
         input: [N, C, D, H, W] float32, contiguous, as are all.

@@ -338,3 +338,28 @@ def test_cuda_calls_pytorch(dimensions: int) -> None:
     expected = torch.autograd.grad(OPERATORS[dimensions](**leaves, relu_in=True, stride=2).sum(), list(leaves.values()))
     for ours, theirs in zip(torch.autograd.grad(out.sum(), list(inputs.values())), expected, strict=True):
         torch.testing.assert_close(ours.cpu(), theirs)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("stride", [1, 2])
+@pytest.mark.parametrize("channels", [(1, 1), (3, 4), (5, 8), (2, 11), (18, 3)])
+@pytest.mark.parametrize("sizes", [(1, 1), (7, 35), (13, 66), (1, 1, 1), (2, 3, 5), (5, 9, 34)])
+def test_cuda_equals_reference(
+    cuda: Any, sizes: tuple[int, ...], channels: tuple[int, int], stride: int, dtype: torch.dtype
+) -> None:
+    name = "conv3x3" if len(sizes) == 2 else "conv3x3x3"
+    operator = getattr(getattr(torch.ops, cuda.namespace), name)
+    for affine, relu in ((False, False), (True, True), (False, True), (True, False)):
+        tensors = make(sizes, channels, bias=affine, affine=affine, dtype=dtype)
+        options = {"stride": stride, "relu_in": relu, "relu_out": not relu}
+        expected = getattr(reference, name)(**tensors, **options)
+        moved = {key: t.to(cuda.device) for key, t in tensors.items()}
+        out = operator(*(moved.get(key) for key in ("input", "weight", "bias", "scale", "shift")), *options.values())
+        tolerance = 1e-9 if dtype == torch.float64 else 1e-4
+        torch.testing.assert_close(out.cpu(), expected, rtol=tolerance, atol=tolerance)
+
+
+def test_cuda_of_an_empty_batch(cuda: Any) -> None:
+    operator = getattr(torch.ops, cuda.namespace).conv3x3
+    input, weight = torch.zeros(0, 3, 4, 5, device=cuda.device), torch.zeros(2, 3, 3, 3, device=cuda.device)
+    assert operator(input, weight, None, None, None, 1, False, False).shape == (0, 2, 4, 5)

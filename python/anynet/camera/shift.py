@@ -74,6 +74,9 @@ class ShiftedPredictor:
 
     def _moved(self, left: Image, right: Image) -> tuple[Image, Image]:
         columns = self.min_disparity
+        for image in (left, right):
+            if not isinstance(image, np.ndarray):
+                raise AnyNetError(f"min_disparity: expected images as arrays, got {type(image).__name__}")
         if columns < 0:  # more columns at the left image's left, and at the right image's right
             extra = ((0, 0), (-columns, 0), (0, 0)), ((0, 0), (0, -columns), (0, 0))
             return np.pad(left, extra[0], "edge"), np.pad(right, extra[1], "edge")
