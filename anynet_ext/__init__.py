@@ -8,7 +8,7 @@ MemoryError if there is not enough for their scratch, and run on one thread in a
 from anynet_ext import reference
 from anynet_ext._batch_norm import batch_norm_relu
 from anynet_ext._candidates import candidate_costs, expected_disparity
-from anynet_ext._conv import conv3x3, conv3x3x3
+from anynet_ext._conv import conv3x3, conv3x3x3, conv_pair
 from anynet_ext._convex_upsampling import convex_upsampling
 from anynet_ext._cost_volume import cost_volume, cost_volume_affine_relu
 from anynet_ext._library import build_info
@@ -28,6 +28,7 @@ __all__ = [
     "candidate_costs",
     "conv3x3",
     "conv3x3x3",
+    "conv_pair",
     "convex_upsampling",
     "cost_volume",
     "cost_volume_affine_relu",

@@ -113,6 +113,49 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
   return out;
 }
 
+/// [out_channels, in_channels, 3, 3] or with a third 3, and its bias.
+void check_pair_layer(const Tensor& input, const Tensor& weight, const char* name, const std::optional<Tensor>& bias,
+                      const char* bias_name, int64_t in_channels) {
+  check_contiguous("conv_pair", name, weight, input.dim());
+  if (input.dim() == 4) {
+    check_tensor("conv_pair", name, weight, {weight.size(0), in_channels, 3, 3}, input);
+  } else {
+    check_tensor("conv_pair", name, weight, {weight.size(0), in_channels, 3, 3, 3}, input);
+  }
+  if (!bias) return;
+  check_contiguous("conv_pair", bias_name, *bias, 1);
+  check_tensor("conv_pair", bias_name, *bias, {weight.size(0)}, input);
+}
+
+Tensor conv_pair(const Tensor& input, const Tensor& weight_first, std::optional<Tensor> bias_first,
+                 const Tensor& weight_second, std::optional<Tensor> bias_second, bool relu_out) {
+  const int64_t dimensions = input.dim() == 5 ? 3 : 2;
+  check_contiguous("conv_pair", "input", input, dimensions + 2);
+  check_pair_layer(input, weight_first, "weight_first", bias_first, "bias_first", input.size(1));
+  check_pair_layer(input, weight_second, "weight_second", bias_second, "bias_second", weight_first.size(0));
+  check_conv_input(input, dimensions, 1);
+#ifndef ANYNET_OPS_CPU
+  const ConvShape shape = conv_shape(sizes(input), weight_first.size(0), 1);
+  if (cuda::conv_pair_fits(shape)) {
+    Tensor out = new_tensor(input, conv_out_sizes(sizes(input), weight_second.size(0), 1));
+    const ConvPair<float> args{shape,
+                               weight_second.size(0),
+                               const_data<float>(input),
+                               const_data<float>(weight_first),
+                               data<float>(bias_first),
+                               const_data<float>(weight_second),
+                               data<float>(bias_second),
+                               relu_out,
+                               static_cast<float*>(out.mutable_data_ptr())};
+    ANYNET_RUN(conv_pair, args, input);
+    return out;
+  }
+#endif
+  const auto convolution = dimensions == 2 ? conv<2> : conv<3>;
+  const Tensor between = convolution(input, weight_first, bias_first, std::nullopt, std::nullopt, 1, false, true);
+  return convolution(between, weight_second, bias_second, std::nullopt, std::nullopt, 1, false, relu_out);
+}
+
 #ifdef ANYNET_OPS_CPU  // on CUDA the derivatives are PyTorch's (anynet_ext/_conv.py)
 template <int64_t dimensions>
 Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::optional<Tensor> before,
@@ -190,12 +233,16 @@ STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
                 "-> (Tensor, Tensor)")
             .c_str());
   }
+  ANYNET_SCHEMA(m,
+                "conv_pair(Tensor input, Tensor weight_first, Tensor? bias_first, Tensor weight_second, "
+                "Tensor? bias_second, bool relu_out) -> Tensor");
 }
 #endif
 
 STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("conv3x3", TORCH_BOX(&conv<2>));
   m.impl("conv3x3x3", TORCH_BOX(&conv<3>));
+  m.impl("conv_pair", TORCH_BOX(&conv_pair));
 #ifdef ANYNET_OPS_CPU
   m.impl("conv3x3_backward_input", TORCH_BOX(&conv_backward_input<2>));
   m.impl("conv3x3_backward_weight", TORCH_BOX(&conv_backward_weight<2>));

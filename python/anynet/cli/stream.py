@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
+from anynet.cli.device import Device
 from anynet.cli.results import DepthFormat, Format, Writer
 from anynet.cli.sources import open_source, size_of
 from anynet.cli.stopping import stopping
@@ -97,6 +98,7 @@ def stream(
     ] = DepthEncoding.meters,
     cameras: CameraOptions = UNKNOWN,
     max_depth: MaxDepth = None,
+    device: Device = "cpu",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per frame and line, and a last one with a summary.")
@@ -124,7 +126,7 @@ def stream(
 
         from anynet import Predictor  # takes seconds, so after the cheap checks
 
-        predictor = Predictor(weights, threads=threads, input_scale=input_scale)
+        predictor = Predictor(weights, device=device, threads=threads, input_scale=input_scale)
         if stage is not None and stage > predictor.config.stages:
             raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
         running = Stream(

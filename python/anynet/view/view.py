@@ -52,7 +52,7 @@ class View:
         prepare: what is known of the cameras; without a calibration the cloud's shape is right and its size unknown.
         weights: to choose from, the first one chosen.
         input_scale: chosen at first.
-        threads: see `Predictor`.
+        device, threads: see `Predictor`.
         host, port: see `Page`.
         out: folder of what "save" saves.
 
@@ -67,6 +67,7 @@ class View:
         prepare: PairPreparation | None = None,
         weights: Sequence[str] = ("default", "large", "kitti"),
         input_scale: float | None = None,
+        device: str = "cpu",
         threads: int | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
@@ -74,7 +75,7 @@ class View:
     ) -> None:
         self._source = source
         self._prepare = prepare or PairPreparation(check=False)
-        self._threads = threads
+        self._device, self._threads = device, threads
         self._out = out
         self._stopped = threading.Event()
         self._key: tuple[str, float | None] | None = None
@@ -164,7 +165,9 @@ class View:
         key = settings.weights, settings.input_scale
         if key != self._key or self._predictor is None:
             self.page.tell(f"loading `{settings.weights}`")
-            self._predictor = Predictor(settings.weights, threads=self._threads, input_scale=settings.input_scale)
+            self._predictor = Predictor(
+                settings.weights, device=self._device, threads=self._threads, input_scale=settings.input_scale
+            )
             self._key = key
         predictor = pair.predictor(self._predictor)
         asked: dict[str, Any] = {"confidence": True, "left_right": settings.left_right}
