@@ -51,7 +51,8 @@ class _Graphs:
     def __init__(self, network: DeployedAnyNet, like: Tensor) -> None:
         self._images = torch.zeros_like(like), torch.zeros_like(like)
         self._captured: list[tuple[torch.cuda.CUDAGraph, StageResult]] = []
-        with torch.cuda.device(like.device):
+        exact = torch.backends.cudnn.flags(enabled=True, deterministic=True, allow_tf32=False)
+        with torch.cuda.device(like.device), exact:
             for _ in network.stages(*self._images):  # loads what is loaded at first use, which a capture must not
                 pass
             stream, pool = torch.cuda.Stream(), torch.cuda.graph_pool_handle()
