@@ -84,7 +84,7 @@ def conv_pair(
     *,
     relu_out: bool = False,
 ) -> Tensor:
-    """Two convolutions of stride 1 with a ReLU between them, for inference: on a GPU one launch, where channels are few.
+    """Two convolutions of stride 1 with a ReLU between them, for inference; on a GPU one launch where channels are few.
 
     Args:
         input: [N, C, H, W] or [N, C, D, H, W] float32, contiguous, 1 <= C <= 64.

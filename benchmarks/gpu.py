@@ -1,30 +1,32 @@
 """Times the network and the CUDA operators on a GPU, or estimates them from what they move and multiply.
 
-python benchmarks/gpu.py              # on a GPU: ours, PyTorch eager, torch.compile, TensorRT, and GB/s beside a plain copy
+python benchmarks/gpu.py              # on a GPU: ours, PyTorch eager, torch.compile, TensorRT; GB/s beside a copy
 python benchmarks/gpu.py --estimate   # anywhere: the tables of docs/cuda.md
 """
 
 from __future__ import annotations
 
+import argparse
+import math
 import statistics
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import islice
 from math import ceil
-from typing import Any
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
 
 import torch
-from measure import options
 from torch import Tensor
 from torch.profiler import ProfilerActivity, profile
 from torch.utils._python_dispatch import TorchDispatchMode
 
 import anynet_ext
-from anynet import load_checkpoint
-from anynet.model.deploy import DeployedAnyNet, StageResult
-from anynet.model.graphs import GraphedAnyNet
 from anynet_ext import reference
+
+if TYPE_CHECKING:
+    from anynet.model.deploy import StageResult
 
 # From the makers' data sheets: bytes per second, and float32 multiply-adds per second.
 BANDWIDTH = {"H100": 3350e9, "RTX 4090": 1008e9, "Orin": 205e9}
@@ -296,8 +298,12 @@ def launches(call: Callable[[], object]) -> int:
     return sum(not name.startswith(("Memcpy", "Memset")) for name in names)
 
 
-def measure_network(weights: str) -> None:
+def measure_network(weights: str, until: float) -> None:
     """Milliseconds until each stage's disparity is there at the images' size, everything on the GPU."""
+    from anynet import load_checkpoint
+    from anynet.model.deploy import DeployedAnyNet
+    from anynet.model.graphs import GraphedAnyNet
+
     model = load_checkpoint(weights).cuda().eval()
     network = DeployedAnyNet(model)
     graphs = GraphedAnyNet(network)
@@ -307,8 +313,11 @@ def measure_network(weights: str) -> None:
     print(f"| | batch | | {' | '.join(f'stage {s} ms' for s in range(1, stages + 1))} | launches |")
     print("| --- | --: | --- |" + " --: |" * (stages + 1))
 
-    def row(name: str, batch: int, dtype: str, to_stage: Callable[[int], object]) -> None:
-        times = " | ".join(f"{milliseconds(lambda: to_stage(s)):.3f}" for s in range(1, stages + 1))  # noqa: B023
+    def row(name: str, batch: int, dtype: str, to_stage: Callable[[int], object], last_only: bool = False) -> None:
+        times = " | ".join(
+            "-" if last_only and s < stages else f"{milliseconds(lambda: to_stage(s)):.3f}"  # noqa: B023
+            for s in range(1, stages + 1)
+        )
         print(f"| {name} | {batch} | {dtype} | {times} | {launches(lambda: to_stage(stages))} |", flush=True)
 
     def pairs(steps: Callable[[Tensor, Tensor], Iterator[StageResult]], batch: int) -> Callable[[int], None]:
@@ -327,19 +336,23 @@ def measure_network(weights: str) -> None:
         for batch in (1, 8):
             images = [torch.randn(batch, 3, *KITTI, device="cuda") for _ in range(2)]
             for dtype in (torch.float32, torch.bfloat16):
-                for name, forward in peers(model, images):
+                for name, forward in peers(model):
+                    if perf_counter() > until:
+                        print(f"| {name} | {batch} | {dtype} | not measured: --seconds are over |")
+                        continue
 
                     def to_stage(stage: int, forward: Any = forward, images: Any = images, dtype: Any = dtype) -> None:
                         with torch.autocast("cuda", torch.bfloat16, enabled=dtype == torch.bfloat16):
                             forward(*images, stage)
 
                     try:
-                        row(name, batch, str(dtype).removeprefix("torch."), to_stage)
+                        compiles = name != "PyTorch eager"  # every stage anew, for minutes
+                        row(name, batch, str(dtype).removeprefix("torch."), to_stage, last_only=compiles)
                     except Exception as error:  # another's compiler: say so and go on
                         print(f"| {name} | {batch} | {dtype} | {type(error).__name__}: {str(error).splitlines()[0]} |")
 
 
-def peers(model: torch.nn.Module, images: list[Tensor]) -> Iterator[tuple[str, Callable[..., object]]]:
+def peers(model: torch.nn.Module) -> Iterator[tuple[str, Callable[..., object]]]:
     """The network as it trains, on normalized images."""
     yield "PyTorch eager", model
     yield "torch.compile, max-autotune", torch.compile(model, mode="max-autotune", dynamic=False)
@@ -349,11 +362,12 @@ def peers(model: torch.nn.Module, images: list[Tensor]) -> Iterator[tuple[str, C
         yield "TensorRT", torch.compile(model, backend="torch_tensorrt", dynamic=False)
 
 
-def measure() -> None:
+def measure(seconds: float) -> None:
     torch.manual_seed(0)
-    for weights in ("default", "large"):
-        measure_network(weights)
+    until = perf_counter() + seconds
     measure_operators()
+    for weights in ("default", "large"):
+        measure_network(weights, until)
 
 
 def measure_operators() -> None:
@@ -369,7 +383,9 @@ def measure_operators() -> None:
         ours = milliseconds(lambda: work.ours(*inputs))  # noqa: B023
         eager = milliseconds(lambda: work.eager(*inputs))  # noqa: B023
         compiled = "-"
-        if not any(part in work.name for part in ("backward", "propagation", "occlusions")):  # a compiled scan unrolls every column
+        if not any(
+            part in work.name for part in ("backward", "propagation", "occlusions")
+        ):  # a compiled scan unrolls every column
             function = torch.compile(work.eager, dynamic=False)
             compiled = f"{milliseconds(lambda: function(*inputs)):.4f}"  # noqa: B023
         speed = work.fewest / ours / 1e6
@@ -404,6 +420,9 @@ class Work(TorchDispatchMode):
 
 
 def estimate_network(weights: str) -> None:
+    from anynet import load_checkpoint
+    from anynet.model.deploy import DeployedAnyNet
+
     network = DeployedAnyNet(load_checkpoint(weights))
     images = [torch.zeros((*KITTI, 3), dtype=torch.uint8) for _ in range(2)]
     print(f"\n{weights}, {KITTI[0]}x{KITTI[1]}\n")
@@ -411,10 +430,11 @@ def estimate_network(weights: str) -> None:
     print("| --- | --: | --: | --: |" + " --: |" * len(BANDWIDTH))
 
     def row(name: str, work: Work) -> None:
-        times = " | ".join(
-            f"{1e6 * (max(work.bytes / BANDWIDTH[gpu], work.multiply_adds / MULTIPLY_ADDS[gpu]) + GAP * work.launches):.0f}"
+        seconds = [
+            max(work.bytes / BANDWIDTH[gpu], work.multiply_adds / MULTIPLY_ADDS[gpu]) + GAP * work.launches
             for gpu in BANDWIDTH
-        )
+        ]
+        times = " | ".join(f"{1e6 * each:.0f}" for each in seconds)
         print(f"| {name} | {work.launches} | {work.bytes / 1e6:.1f} | {work.multiply_adds / 1e9:.3f} | {times} |")
 
     total = Work()
@@ -446,13 +466,15 @@ def estimate() -> None:
 
 
 if __name__ == "__main__":
-    parser = options(__doc__, threads=None)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--estimate", action="store_true", help="no GPU: bytes moved, and the time that follows from it"
     )
-    if parser.parse_args().estimate:
+    parser.add_argument("--seconds", type=float, default=math.inf, help="begin with no other network after that")
+    arguments = parser.parse_args()
+    if arguments.estimate:
         estimate()
     elif torch.cuda.is_available():
-        measure()
+        measure(arguments.seconds)
     else:
         print("no GPU: nothing measured (--estimate prints what to expect)")

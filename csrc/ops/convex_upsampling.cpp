@@ -26,6 +26,8 @@ STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
 }
 #endif
 
-STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) { m.impl("convex_upsampling", TORCH_BOX(&convex_upsampling)); }
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
+  m.impl("convex_upsampling", TORCH_BOX(&convex_upsampling));
+}
 
 }  // namespace anynet::ops

@@ -27,6 +27,8 @@ STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
 }
 #endif
 
-STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) { m.impl("fill_occlusions", TORCH_BOX(&fill_occlusions)); }
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
+  m.impl("fill_occlusions", TORCH_BOX(&fill_occlusions));
+}
 
 }  // namespace anynet::ops

@@ -82,7 +82,8 @@ Tensor upsample_add(const Tensor& input, const Tensor& coarse, const Tensor& sca
 
 #ifdef ANYNET_DEFINE_SCHEMAS
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
-  ANYNET_SCHEMA(m, "upsample_sum(Tensor[] maps, int[] ratios, float[] gains, float side, SymInt height, SymInt width) -> Tensor");
+  ANYNET_SCHEMA(
+      m, "upsample_sum(Tensor[] maps, int[] ratios, float[] gains, float side, SymInt height, SymInt width) -> Tensor");
   ANYNET_SCHEMA(m, "upsample_concat(Tensor skip, Tensor coarse, Tensor scale, Tensor shift) -> Tensor");
   ANYNET_SCHEMA(m, "upsample_add(Tensor input, Tensor coarse, Tensor scale, Tensor shift) -> Tensor");
 }

@@ -6,7 +6,7 @@ import re
 
 import torch
 
-from anynet.errors import AnyNetError
+from anynet.errors import AnyNetError, one_line
 from anynet_ext import build_info
 
 
@@ -27,9 +27,10 @@ def find_device(name: str) -> torch.device:
     if missing:
         raise AnyNetError(f"device {name!r}: {missing}")
     count = torch.cuda.device_count()
-    index = {"auto": 0, "cuda": torch.cuda.current_device()}.get(name)
-    if index is None:
-        index = int(name.removeprefix("cuda:"))
+    try:
+        index = 0 if name == "auto" else int(name[5:]) if ":" in name else torch.cuda.current_device()
+    except RuntimeError as error:  # in a forked process
+        raise AnyNetError(f"device {name!r}: {one_line(error)}") from error
     if index >= count:
         raise AnyNetError(f"device {name!r}: expected one of the {count} GPUs here, cuda:0 to cuda:{count - 1}")
     return torch.device("cuda", index)

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from anynet.errors import AnyNetError
-from anynet.model.graphs import GraphedAnyNet
 from anynet.model.anynet import resized
 from anynet.model.confidence import HIDDEN, ConfidenceModel, gather_evidence, view_difference
 from anynet.model.deploy import DeployedAnyNet, StageResult, sum_at
-
+from anynet.model.graphs import GraphedAnyNet
 
 Image = NDArray[np.uint8] | Tensor
 

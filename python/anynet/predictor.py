@@ -21,9 +21,9 @@ from anynet.checkpoint import PACKAGED, find_weights, load_checkpoint
 from anynet.device import DeviceClock, find_device
 from anynet.errors import AnyNetError, one_line
 from anynet.frame import Frame, Image, check_images
-from anynet.model.graphs import GraphedAnyNet
 from anynet.model.confidence import ConfidenceModel
 from anynet.model.deploy import DeployedAnyNet
+from anynet.model.graphs import GraphedAnyNet
 from anynet.scheduler import MAX_THREADS, LatencyTable
 from anynet.shutdown import computing
 
@@ -36,8 +36,8 @@ class Estimate:
 
     Attributes:
         stage: 1, the coarsest, to the number of stages, 4 for all packaged weights.
-        disparity: [H, W] float32, in pixels of the input: left pixel (y, x) is right pixel (y, x - d). Like all maps, an
-            array, or a tensor on the predictor's device where the images were.
+        disparity: [H, W] float32, in pixels of the input: left pixel (y, x) is right pixel (y, x - d). Like all maps,
+            an array, or, of images that are tensors, a tensor on their device.
         elapsed_ms: milliseconds from the start of the frame until this estimate was there.
         confidence: [H, W] float32, the probability that the disparity is less than 3 pixels or 5 % off; None unless
             asked for.
@@ -58,8 +58,8 @@ class Predictor:
 
     Args:
         weights: the name of packaged weights, or a path (see `anynet.load_checkpoint`).
-        device: "cpu"; "cuda", the current GPU; "cuda:1", that one; "auto", the first GPU if there is one, else the CPU. On
-            a GPU, the first frame of a size takes longer: it captures CUDA graphs, which the others replay.
+        device: "cpu"; "cuda", the current GPU; "cuda:1", that one; "auto", the first GPU if there is one, else the CPU.
+            On a GPU, the first frame of a size takes longer: it captures CUDA graphs, which the others replay.
         threads: CPU threads to compute on; default: as many as PyTorch uses.
         input_scale: resize the images by this factor first. Above 1 for finer disparity (2 takes four times as long),
             below 1 for images larger than the network was made for, with more than 192 pixels of disparity, or to save
@@ -109,7 +109,7 @@ class Predictor:
         """The estimates, each computed when it is asked for; `elapsed_ms` includes the caller's time in between.
 
         Args:
-            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size: arrays, or tensors on the predictor's device.
+            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size: arrays, or tensors on its device.
             confidence: also how far to trust every pixel, and which ones the other camera does not see.
             left_right: judge that by the other view's disparity too, for twice the time.
             view: "left" or "right": whose disparity to give. Right pixel (y, x) is left pixel (y, x + d).
@@ -170,7 +170,7 @@ class Predictor:
         """The best estimate that fits.
 
         Args:
-            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size: arrays, or tensors on the predictor's device.
+            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size: arrays, or tensors on its device.
             budget_ms: time to keep to. A further stage is begun only if, from what frames of this size took before, it
                 will end in time. The first stage is always computed. On a GPU it is the GPU's time that counts.
             stage: the last stage to compute (default: all of them).

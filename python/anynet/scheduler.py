@@ -56,7 +56,7 @@ class Latencies:
 class RecentlyUsed(Generic[V]):
     """Something for every key, kept for those used most recently.
 
-    Without a lock: each step is atomic, and what another thread does in between costs at most what one key's value knew.
+    Without a lock: each step is atomic, and another thread's in between costs at most what one key's value knew.
     """
 
     def __init__(self, make: Callable[[], V], most: int) -> None:

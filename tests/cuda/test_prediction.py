@@ -1,4 +1,4 @@
-"""What only a GPU can show of the predictor: graphs, budgets, streams, devices, threads, forks; and of a training step."""
+"""What only a GPU can show of prediction, graphs, budgets, streams, devices, threads and forks; and of training."""
 
 from __future__ import annotations
 

@@ -394,7 +394,10 @@ class TestConvPair(InferenceOperator):
     }
     errors: ClassVar = [
         (lambda: call(PAIR[0][0], *PAIR[1:]), r"input as contiguous float32 tensor of 4 dimensions, got \[2, 4, 5\]"),
-        (lambda: call(PAIR[0], normal(3, 1, 3, 3), *PAIR[2:]), r"weight_first of shape \[3, 2, 3, 3\], got \[3, 1, 3, 3\]"),
+        (
+            lambda: call(PAIR[0], normal(3, 1, 3, 3), *PAIR[2:]),
+            r"weight_first of shape \[3, 2, 3, 3\], got \[3, 1, 3, 3\]",
+        ),
         (lambda: call(*PAIR[:3], normal(2, 2, 3, 3), PAIR[4]), r"weight_second of shape \[2, 3, 3, 3\]"),
         (lambda: call(*PAIR[:2], normal(2), *PAIR[3:]), r"bias_first of shape \[3\], got \[2\]"),
         (lambda: call(*PAIR[:4], normal(3)), r"bias_second of shape \[2\], got \[3\]"),

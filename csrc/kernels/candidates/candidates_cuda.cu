@@ -40,7 +40,8 @@ __global__ void __launch_bounds__(Pixel::threads_per_block) costs(CandidateCosts
     T sum = 0;
     for (int64_t c = 0; c < channels; ++c) {
       const T *own = features + c * pixels, *other = own + a.channels * pixels;
-      sum += fabs(read(own + x) - sample(from, pixel(other, 1, from.index, width), pixel(other, 1, from.index + 1, width)));
+      sum += fabs(read(own + x) -
+                  sample(from, pixel(other, 1, from.index, width), pixel(other, 1, from.index + 1, width)));
     }
     return sum;
   };
@@ -76,7 +77,8 @@ __global__ void __launch_bounds__(threads_per_block) expect(ExpectedDisparity<T>
 template <class T>
 void candidate_costs(const CandidateCosts<T>& a, Stream stream) {
   check_row("candidate_costs", a.width, a.count);
-  launch("candidate_costs", costs<T>, Pixel::blocks((a.groups + 1) * a.height, a.width), Pixel::threads(), 0, stream, a);
+  launch("candidate_costs", costs<T>, Pixel::blocks((a.groups + 1) * a.height, a.width), Pixel::threads(), 0, stream,
+         a);
 }
 
 template <class T>

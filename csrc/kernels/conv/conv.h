@@ -40,13 +40,13 @@ struct Conv {
 /// (`conv_pair_fits`); nothing of the latter goes through memory. Elsewhere they are two convolutions.
 template <class T>
 struct ConvPair {
-  ConvShape shape;             // of the first one
-  int64_t out_channels;        // O, of the second one
-  const T* input;              // [N,C,D,H,W], contiguous
-  const T* weight_first;       // [M,C,kd,3,3]
-  const T* bias_first;         // [M] or nullptr
-  const T* weight_second;      // [O,M,kd,3,3]
-  const T* bias_second;        // [O] or nullptr
+  ConvShape shape;         // of the first one
+  int64_t out_channels;    // O, of the second one
+  const T* input;          // [N,C,D,H,W], contiguous
+  const T* weight_first;   // [M,C,kd,3,3]
+  const T* bias_first;     // [M] or nullptr
+  const T* weight_second;  // [O,M,kd,3,3]
+  const T* bias_second;    // [O] or nullptr
   bool relu_out;
   T* out;  // [N,O,D,H,W]
 };

@@ -1,7 +1,7 @@
-// One thread per output pixel and up to 8 output channels. A block has 32 x 4 pixels of one slice; what they see of a few
-// input channels lies in shared memory, affine and ReLU applied, beside the weights, which all threads read together.
-// Pairs: a block has 16 x 8 pixels of all slices; all channels of the input, and of what lies between, are in shared
-// memory, with a border of two pixels and one. The border is computed by both blocks beside it.
+// One thread per output pixel and up to 8 output channels. A block has 32 x 4 pixels of one slice; what they see of a
+// few input channels lies in shared memory, affine and ReLU applied, beside the weights, which all threads read
+// together. Pairs: a block has 16 x 8 pixels of all slices; all channels of the input, and of what lies between, are in
+// shared memory, with a border of two pixels and one. The border is computed by both blocks beside it.
 #include "../common/cuda.h"
 #include "conv.h"
 
@@ -49,7 +49,7 @@ __global__ void __launch_bounds__(threads_per_block) forward(Conv<T> a, Grid gri
   const int tile = grid.rows * grid.columns, z_stride = slices == 3 ? stride : 1;
 
   SharedMemory shared;
-  T* const input = shared.take<T>(staged_channels<T> * slices * tile);               // [channel][slice][row][column]
+  T* const input = shared.take<T>(staged_channels<T> * slices * tile);          // [channel][slice][row][column]
   T* const weights = shared.take<T>(staged_channels<T> * grid.taps * Outputs);  // [channel][tap][output]
   T sums[Outputs];
 #pragma unroll
@@ -121,11 +121,11 @@ void run(const Conv<T>& a, Stream stream) {
 constexpr int pair_columns = 16, pair_rows = 8, pair_outputs = 4;
 constexpr int64_t pair_shared = 48 * 1024;  // bytes that every GPU gives without being asked
 
-/// One convolution from shared memory, input [channels][depth][rows + 2][columns + 2]: write(o, z, y, x, sums) takes the
-/// sums of the channels o to o + 3 of each of [depth][rows][columns]. `staged` has room for four channels' weights.
+/// One convolution from shared memory, input [channels][depth][rows + 2][columns + 2]: write(o, z, y, x, sums) takes
+/// the sums of the channels o to o + 3 of each of [depth][rows][columns]. `staged` has room for four channels' weights.
 template <class T, class Write>
-ANYNET_DEVICE void convolve(const T* input, int channels, int depth, int rows, int columns, int slices,
-                            const T* weight, const T* bias, int out_channels, T* staged, const Write& write) {
+ANYNET_DEVICE void convolve(const T* input, int channels, int depth, int rows, int columns, int slices, const T* weight,
+                            const T* bias, int out_channels, T* staged, const Write& write) {
   constexpr int outputs = pair_outputs;
   const int tile = (rows + 2) * (columns + 2), taps = channels * slices * 9;
   for (int o_begin = 0; o_begin < out_channels; o_begin += outputs) {

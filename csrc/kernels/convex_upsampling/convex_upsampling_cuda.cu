@@ -16,8 +16,14 @@ __global__ void __launch_bounds__(Pixel::threads_per_block) upsample(ConvexUpsam
 #pragma unroll
   for (int i = 0; i < 9; ++i) {
     const int64_t row = y + i / 3 - 1, column = at.x + i % 3 - 1;
-    around[i] = read(a.in + n * plane + (row < 0 ? 0 : row < a.height ? row : a.height - 1) * a.width +
-                     (column < 0 ? 0 : column < a.width ? column : a.width - 1));
+    around[i] = read(a.in + n * plane +
+                     (row < 0          ? 0
+                      : row < a.height ? row
+                                       : a.height - 1) *
+                         a.width +
+                     (column < 0         ? 0
+                      : column < a.width ? column
+                                         : a.width - 1));
   }
   const T* logits = a.logits + n * 32 * plane + y * a.width + at.x;
 #pragma unroll

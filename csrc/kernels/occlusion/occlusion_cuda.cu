@@ -10,7 +10,9 @@ namespace anynet::cuda {
 namespace {
 
 /// The lane `distance` before this one, or, going left, after it.
-ANYNET_DEVICE int neighbor(int lane, int distance, bool leftward) { return leftward ? lane + distance : lane - distance; }
+ANYNET_DEVICE int neighbor(int lane, int distance, bool leftward) {
+  return leftward ? lane + distance : lane - distance;
+}
 
 /// In every lane the result of its blend, given `before`, the result before the first one of the warp.
 template <class A>
@@ -18,7 +20,8 @@ ANYNET_DEVICE A blend_scan(A own, A gate, A before, int lane, bool leftward) {
 #pragma unroll
   for (int distance = 1; distance < 32; distance *= 2) {
     const int from = neighbor(lane, distance, leftward);
-    const A earlier_own = __shfl_sync(all_lanes, own, from & 31), earlier_gate = __shfl_sync(all_lanes, gate, from & 31);
+    const A earlier_own = __shfl_sync(all_lanes, own, from & 31),
+            earlier_gate = __shfl_sync(all_lanes, gate, from & 31);
     if (from >= 0 && from < 32) {
       own += gate * earlier_own;
       gate *= earlier_gate;

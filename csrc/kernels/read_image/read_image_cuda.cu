@@ -1,4 +1,5 @@
-// One thread per pixel of the downsampled image: it reads the middle 2x2 of its factor x factor, and writes three planes.
+// One thread per pixel of the downsampled image: it reads the middle 2x2 of its factor x factor, and writes three
+// planes.
 #include "../common/cuda.h"
 #include "read_image.h"
 
@@ -21,7 +22,8 @@ __global__ void __launch_bounds__(Pixel::threads_per_block) read_pixels(ReadImag
   T* out = a.out + (at.row % block * block + at.x % block) * plane + at.row / block * a.width + at.x / block;
 #pragma unroll
   for (int c = 0; c < 3; ++c) {
-    const int sum = __ldg(upper + left + c) + __ldg(upper + right + c) + __ldg(lower + left + c) + __ldg(lower + right + c);
+    const int sum =
+        __ldg(upper + left + c) + __ldg(upper + right + c) + __ldg(lower + left + c) + __ldg(lower + right + c);
     out[c * channels * plane] = (static_cast<T>(sum) / 4 - read(a.mean + c)) / read(a.std + c);
   }
 }

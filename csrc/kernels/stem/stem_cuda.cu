@@ -1,5 +1,6 @@
 // A block has 16 x 4 pixels of the result: what they see of the image, 67 x 19, lies in shared memory, and of the first
-// layer one channel at a time, 65 x 17, from which each thread adds to the four pixels of the second layer that it pools.
+// layer one channel at a time, 65 x 17, from which each thread adds to the four pixels of the second layer that it
+// pools.
 #include "../common/cuda.h"
 #include "stem.h"
 

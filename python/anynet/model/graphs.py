@@ -16,8 +16,8 @@ SIZES = 8  # kept: the most recently seen; each takes a frame's memory on the de
 class GraphedAnyNet:
     """A deployed network for uint8 RGB tensors [H, W, 3] on its CUDA device; its results are gone with the next frame.
 
-    The first frame of a size captures the stages, one graph each; all others replay them. A frame owns the graphs of its
-    size while it is on its way: where two are, each has its own.
+    The first frame of a size captures the stages, one graph each; all others replay them. A frame owns the graphs of
+    its size while it is on its way: where two are, each has its own.
     """
 
     def __init__(self, network: DeployedAnyNet) -> None:
@@ -46,7 +46,7 @@ class GraphedAnyNet:
 
 
 class _Graphs:
-    """One size's. All memory is that of their own pool; it is reused in the order of the stages, so they replay in it."""
+    """One size's. Their memory is a pool of their own, reused in the order of the stages, in which they replay."""
 
     def __init__(self, network: DeployedAnyNet, like: Tensor) -> None:
         self._images = torch.zeros_like(like), torch.zeros_like(like)
