@@ -17,7 +17,7 @@ def upsample_sum(
     height: int,
     width: int,
     *,
-    gains: Sequence[float] | None = None,
+    gains: Sequence[float] = (),
     side: float = 0.0,
 ) -> Tensor:
     """Maps upsampled to one size, and added: `sum_i gains[i] * bilinear(maps[i])`, for inference.
@@ -27,7 +27,7 @@ def upsample_sum(
 
     Args:
         maps: 1 to 8, each [H_i, W_i] float32, contiguous, with ratios[i] * H_i >= height, and likewise across.
-        gains: one per map; default: 1.
+        gains: one per map; none: 1 each.
         side: if not 0, the last map, of ratio 1, is smoothed first: along both axes, each value becomes 1 - 2 side of
             itself and `side` of both its neighbors, the border being its own. At most 0.5.
 
@@ -37,8 +37,7 @@ def upsample_sum(
     Raises:
         RuntimeError: if an argument has the wrong dtype or shape.
     """
-    gains = [1.0] * len(maps) if gains is None else list(gains)
-    out: Tensor = torch.ops.anynet.upsample_sum(list(maps), list(ratios), gains, side, height, width)
+    out: Tensor = torch.ops.anynet.upsample_sum(list(maps), list(ratios), list(gains), side, height, width)
     return out
 
 

@@ -182,7 +182,7 @@ def upsample_sum(
     height: int,
     width: int,
     *,
-    gains: Sequence[float] | None = None,
+    gains: Sequence[float] = (),
     side: float = 0.0,
 ) -> Tensor:
     """sum_i gains[i] * bilinear(maps[i]), cropped to height x width; the last map is smoothed first"""

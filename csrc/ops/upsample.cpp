@@ -9,9 +9,10 @@ namespace {
 
 Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>& ratios,
                     const std::vector<double>& gains, double side, int64_t height, int64_t width) {
-  ANYNET_CHECK(!maps.empty() && maps.size() <= max_maps && maps.size() == ratios.size() && maps.size() == gains.size(),
-               "upsample_sum: expected 1 to ", max_maps, " maps and as many ratios and gains, got ", maps.size(), ", ",
-               ratios.size(), " and ", gains.size());
+  ANYNET_CHECK(!maps.empty() && maps.size() <= max_maps && maps.size() == ratios.size() &&
+                   (gains.empty() || maps.size() == gains.size()),
+               "upsample_sum: expected 1 to ", max_maps, " maps and as many ratios and gains or no gains, got ",
+               maps.size(), ", ", ratios.size(), " and ", gains.size());
   ANYNET_CHECK(side >= 0 && side <= 0.5 && (side == 0 || ratios.back() == 1),
                "upsample_sum: expected side 0 to 0.5, and 0 if the last ratio is not 1, got ", side);
   check_size("upsample_sum", height, width);
@@ -31,7 +32,7 @@ Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>&
     args.height[i] = map.size(0);
     args.width[i] = map.size(1);
     args.ratio[i] = ratios[i];
-    args.gain[i] = static_cast<float>(gains[i]);
+    args.gain[i] = gains.empty() ? 1 : static_cast<float>(gains[i]);
   }
   Tensor out = empty_like(maps[0], {height, width});
   args.side = static_cast<float>(side);

@@ -101,10 +101,10 @@ class DeployedAnyNet(nn.Module):
 
 
 def sum_at(
-    maps: list[Tensor], ratios: list[int], size: Sequence[int], gains: list[float] | None = None, side: float = 0.0
+    maps: list[Tensor], ratios: list[int], size: Sequence[int], gains: Sequence[float] = (), side: float = 0.0
 ) -> Tensor:
     """[h, w]: the sum of the maps times their gains, each enlarged by its ratio; see `anynet_ext.upsample_sum`."""
-    out: Tensor = _ops.upsample_sum.default(maps, ratios, gains or [1.0] * len(maps), side, *size)
+    out: Tensor = _ops.upsample_sum.default(maps, ratios, list(gains), side, *size)
     return out
 
 
