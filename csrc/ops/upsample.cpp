@@ -11,7 +11,7 @@ Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>&
                     const std::vector<double>& gains, double side, int64_t height, int64_t width) {
   ANYNET_CHECK(!maps.empty() && maps.size() <= max_maps && maps.size() == ratios.size() &&
                    (gains.empty() || maps.size() == gains.size()),
-               "upsample_sum: expected 1 to ", max_maps, " maps and as many ratios and gains or no gains, got ",
+               "upsample_sum: expected 1 to ", max_maps, " maps, as many ratios, and as many gains or none, got ",
                maps.size(), ", ", ratios.size(), " and ", gains.size());
   ANYNET_CHECK(side >= 0 && side <= 0.5 && (side == 0 || ratios.back() == 1),
                "upsample_sum: expected side 0 to 0.5, and 0 if the last ratio is not 1, got ", side);

@@ -35,9 +35,15 @@ class TestUpsampleSum(InferenceOperator):
         (lambda: call([random(2, 2)], [4], 8, 9), r"maps that cover 8 x 9, got \[2, 2\] times 4"),
         (lambda: call([random(2, 2)], [3], 6, 6), "power of two, got 3"),
         (lambda: call([random(2, 2)], [-4], 6, 6), "power of two, got -4"),
-        (lambda: call([random(2, 2)] * 9, [4] * 9, 8, 8), "1 to 8 maps and as many ratios and gains or no gains, got 9, 9 and 0"),
-        (lambda: call([random(2, 2)], [4, 4], 8, 8), "1 to 8 maps and as many ratios and gains or no gains, got 1, 2 and 0"),
-        (lambda: call([random(2, 2)], [4], 8, 8, gains=[1.0, 1.0]), "as many ratios and gains or no gains, got 1, 1 and 2"),
+        (
+            lambda: call([random(2, 2)] * 9, [4] * 9, 8, 8),
+            "1 to 8 maps, as many ratios, .* got 9, 9 and 0",
+        ),
+        (
+            lambda: call([random(2, 2)], [4, 4], 8, 8),
+            "1 to 8 maps, as many ratios, .* got 1, 2 and 0",
+        ),
+        (lambda: call([random(2, 2)], [4], 8, 8, gains=[1.0, 1.0]), "as many gains or none, got 1, 1 and 2"),
         (lambda: call([random(2, 2)], [4], 8, 8, side=0.25), "0 if the last ratio is not 1, got 0.25"),
         (lambda: call([random(2, 2)], [1], 2, 2, side=0.6), "side 0 to 0.5.* got 0.6"),
         (lambda: call([random(2, 2)], [1], 2, 2, side=float("nan")), "side 0 to 0.5.* got nan"),

@@ -34,7 +34,7 @@ ANYNET_DEVICE void add_taps(const T* window, int columns, const T* weights, T (&
 }
 
 template <class T, int Outputs>
-__global__ void __launch_bounds__(threads_per_block) forward(Conv<T> a, Grid grid) {
+__global__ void __launch_bounds__(threads_per_block, 4) forward(Conv<T> a, Grid grid) {
   const ConvShape& s = a.shape;
   int64_t block = blockIdx.x;
   const int64_t x_begin = block % grid.x_tiles * tile_columns;
@@ -154,7 +154,7 @@ ANYNET_DEVICE void convolve(const T* input, int channels, int depth, int rows, i
 }
 
 template <class T>
-__global__ void __launch_bounds__(threads_per_block) pair(ConvPair<T> a, int64_t x_tiles, int64_t y_tiles) {
+__global__ void __launch_bounds__(threads_per_block, 4) pair(ConvPair<T> a, int64_t x_tiles, int64_t y_tiles) {
   const ConvShape& s = a.shape;
   const int64_t x_begin = blockIdx.x % x_tiles * pair_columns, y_begin = blockIdx.x / x_tiles % y_tiles * pair_rows;
   const int64_t n = blockIdx.x / x_tiles / y_tiles;

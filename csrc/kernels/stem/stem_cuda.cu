@@ -74,11 +74,11 @@ __global__ void __launch_bounds__(threads_per_block) both_layers(Stem<T> a, int6
     for (int t = 0; t < 25; ++t) window[t] = first[(4 * row + t / 5) * first_columns + 4 * column + t % 5];
 #pragma unroll
     for (int o = 0; o < outputs; ++o) {
-      if (o_begin + o >= a.channels) break;
+      const bool real = o_begin + o < a.channels;  // not a break: the sums are to stay in registers
       const T* weight = a.weight_second + ((o_begin + o) * a.channels + c) * 9;
 #pragma unroll
       for (int t = 0; t < 9; ++t) {
-        const T w = read(weight + t);
+        const T w = real ? read(weight + t) : T(0);
 #pragma unroll
         for (int i = 0; i < 4; ++i) sums[o][i] += w * window[(i / 2 * 2 + t / 3) * 5 + i % 2 * 2 + t % 3];
       }
@@ -89,9 +89,9 @@ __global__ void __launch_bounds__(threads_per_block) both_layers(Stem<T> a, int6
   const auto larger = [](T p, T q) { return p < q ? q : p; };
 #pragma unroll
   for (int o = 0; o < outputs; ++o) {
-    if (o_begin + o >= a.channels) break;
     const T largest = larger(larger(sums[o][0], sums[o][1]), larger(sums[o][2], sums[o][3]));
-    a.out[((side * a.channels + o_begin + o) * height + y) * width + x] = apply(a.epilogue, o_begin + o, largest);
+    if (o_begin + o < a.channels)
+      a.out[((side * a.channels + o_begin + o) * height + y) * width + x] = apply(a.epilogue, o_begin + o, largest);
   }
 }
 
