@@ -74,13 +74,14 @@ __global__ void __launch_bounds__(threads_per_block) both_layers(Stem<T> a, int6
     for (int t = 0; t < 25; ++t) window[t] = first[(4 * row + t / 5) * first_columns + 4 * column + t % 5];
 #pragma unroll
     for (int o = 0; o < outputs; ++o) {
-      const bool real = o_begin + o < a.channels;  // not a break: the sums are to stay in registers
-      const T* weight = a.weight_second + ((o_begin + o) * a.channels + c) * 9;
+      if (o_begin + o < a.channels) {  // a break would put the sums into memory
+        const T* weight = a.weight_second + ((o_begin + o) * a.channels + c) * 9;
 #pragma unroll
-      for (int t = 0; t < 9; ++t) {
-        const T w = real ? read(weight + t) : T(0);
+        for (int t = 0; t < 9; ++t) {
+          const T w = read(weight + t);
 #pragma unroll
-        for (int i = 0; i < 4; ++i) sums[o][i] += w * window[(i / 2 * 2 + t / 3) * 5 + i % 2 * 2 + t % 3];
+          for (int i = 0; i < 4; ++i) sums[o][i] += w * window[(i / 2 * 2 + t / 3) * 5 + i % 2 * 2 + t % 3];
+        }
       }
     }
   }
