@@ -121,9 +121,7 @@ class DeployedUNet(nn.Module):
         self.register_buffer("first_weight", weight.contiguous())
         self.register_buffer("first_bias", first_bias.detach() * norm_scale + norm_shift)
         self.register_buffer("second_weight", unet.halve.conv.weight.detach())
-        for part, blocks in (("down", unet.down), ("up", unet.up)):
-            deployed = (in_pairs(deploy_chain(list(block), activated=True)) for block in blocks)  # type: ignore[call-overload]
-            setattr(self, part, nn.ModuleList(deployed))
+        self.down, self.up = _deployed_blocks(unet.down), _deployed_blocks(unet.up)
         for part, blocks in (("down", unet.down), ("up", unet.up)):
             for i, block in enumerate(blocks):
                 scale, shift = affine_of(block[0].norm)  # type: ignore[index]
@@ -159,3 +157,7 @@ class DeployedUNet(nn.Module):
         for i, layers in enumerate(self.up):
             x = run(layers, _ops.upsample_concat.default(skips.pop(), x, *self._affine("up", i)))  # type: ignore[arg-type]
             yield x
+
+
+def _deployed_blocks(blocks: nn.ModuleList) -> nn.ModuleList:
+    return nn.ModuleList(in_pairs(deploy_chain(list(block), activated=True)) for block in blocks)  # type: ignore[call-overload]

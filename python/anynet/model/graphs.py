@@ -55,7 +55,7 @@ class _Graphs:
         with torch.cuda.device(like.device), exact:
             for _ in network.stages(*self._images):  # loads what is loaded at first use, which a capture must not
                 pass
-            stream, pool = torch.cuda.Stream(), torch.cuda.graph_pool_handle()
+            stream, pool = torch.cuda.Stream(), torch.cuda.graph_pool_handle()  # type: ignore[no-untyped-call]
             steps = network.stages(*self._images)
             for _ in range(network.config.stages):
                 graph = torch.cuda.CUDAGraph()
