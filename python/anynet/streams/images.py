@@ -30,7 +30,7 @@ class ImageFiles(Source):
 
     @property
     def size(self) -> tuple[int, int] | None:
-        _, left, right = self._files[0]
+        _, left, right = self._pairs[0]
         try:
             height, width = read_image(left).shape[:2]
         except AnyNetError:  # told when the frame is read

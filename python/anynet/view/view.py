@@ -52,7 +52,7 @@ class View:
         prepare: what is known of the cameras; without a calibration the cloud's shape is right and its size unknown.
         weights: to choose from, the first one chosen.
         input_scale: chosen at first.
-        threads: see `Predictor`.
+        device, threads: see `Predictor`.
         host, port: see `Page`.
         out: folder of what "save" saves.
         rate: frames per second at which recordings are played, in place of their own pace.
@@ -68,6 +68,7 @@ class View:
         prepare: PairPreparation | None = None,
         weights: Sequence[str] = ("default", "paper", "large", "kitti"),
         input_scale: float | None = None,
+        device: str = "cpu",
         threads: int | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
@@ -76,7 +77,7 @@ class View:
     ) -> None:
         self._source = source
         self._prepare = prepare or PairPreparation(check=False)
-        self._threads = threads
+        self._device, self._threads = device, threads
         self._out = out
         self._rate = None if source.live else rate
         self._stopped = threading.Event()
@@ -168,7 +169,9 @@ class View:
         key = settings.weights, settings.input_scale
         if key != self._key or self._predictor is None:
             self.page.tell(f"loading `{settings.weights}`")
-            self._predictor = Predictor(settings.weights, threads=self._threads, input_scale=settings.input_scale)
+            self._predictor = Predictor(
+                settings.weights, device=self._device, threads=self._threads, input_scale=settings.input_scale
+            )
             self._key = key
         predictor = pair.predictor(self._predictor)
         asked: dict[str, Any] = {"confidence": True, "left_right": settings.left_right}
