@@ -6,9 +6,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def candidate_costs(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
     """Matching costs of a residual stage's candidates, with what else its network sees. For inference.
 
@@ -35,6 +36,7 @@ def candidate_costs(features: Tensor, disparity: Tensor, groups: int, first: int
     return out
 
 
+@overridable
 def expected_disparity(cost: Tensor, disparity: Tensor, offsets: Tensor, first: int) -> Tensor:
     """`disparity + sum_k softmax(-cost)[k] * residual[k]`, for inference.
 

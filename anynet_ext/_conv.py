@@ -8,11 +8,12 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register, register_inference
+from anynet_ext._register import overridable, register, register_inference
 
 CHANNELS = 64
 
 
+@overridable
 def conv3x3(
     input: Tensor,
     weight: Tensor,
@@ -44,7 +45,8 @@ def conv3x3(
 
     Returns:
         [N, O, (H - 1) // stride + 1, (W - 1) // stride + 1]. Differentiable in every tensor; the gradients repeat bit
-        for bit whatever the number of threads. Under autocast it computes in float32.
+        for bit whatever the number of threads. There is no second derivative. Under autocast it computes in float32,
+        and returns that.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.
@@ -54,6 +56,7 @@ def conv3x3(
     return out
 
 
+@overridable
 def conv3x3x3(
     input: Tensor,
     weight: Tensor,
@@ -75,6 +78,7 @@ def conv3x3x3(
     return out
 
 
+@overridable
 def conv_pair(
     input: Tensor,
     weight_first: Tensor,
@@ -171,12 +175,12 @@ def _register(name: str, dimensions: int) -> None:
     def _fake(
         input: Tensor,
         weight: Tensor,
-        bias: Tensor | None,
-        scale: Tensor | None,
-        shift: Tensor | None,
-        stride: int,
-        relu_in: bool,
-        relu_out: bool,
+        bias: Tensor | None = None,
+        scale: Tensor | None = None,
+        shift: Tensor | None = None,
+        stride: int = 1,
+        relu_in: bool = False,
+        relu_out: bool = False,
     ) -> Tensor:
         sizes = [(size - 1) // stride + 1 for size in input.shape[2:]]
         return input.new_empty(input.shape[0], weight.shape[0], *sizes)
@@ -229,7 +233,7 @@ def _register(name: str, dimensions: int) -> None:
 
     def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         input, weight, scale, shift, output = ctx.saved_tensors
-        needs = ctx.needs_input_grad
+        needs = [*ctx.needs_input_grad, *[False] * 4]  # it ends with the last argument that was given
         if output is not None:
             grad = grad * (output > 0)
         grad_input = grad_weight = grad_bias = grad_scale = grad_shift = None

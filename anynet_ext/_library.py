@@ -55,9 +55,10 @@ _CUDA = _load_cuda()
 
 
 def build_info() -> dict[str, Any]:
-    """What was built and what is in use: compiler, instruction sets, threads, CUDA or why not."""
+    """What was built and what is in use: library, compiler, instruction sets, threads, CUDA or why not."""
     config = _C.anynet_build_config().decode()
     return {
+        "library": str(_FOLDER / "_C.so"),
         "config": config,
         "instruction_sets": _C.anynet_isa_built().decode().split(),
         "instruction_set": _C.anynet_isa().decode(),

@@ -6,9 +6,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     """`relu(scale * max_pool2d(input, 2) + shift)`, for inference.
 

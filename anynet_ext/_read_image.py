@@ -6,9 +6,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def read_image(
     image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int, *, block: int = 1
 ) -> Tensor:

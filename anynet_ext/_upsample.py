@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def upsample_sum(
     maps: Sequence[Tensor],
     ratios: Sequence[int],
@@ -41,6 +42,7 @@ def upsample_sum(
     return out
 
 
+@overridable
 def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     """`relu(scale * cat([skip, upsampled coarse]) + shift)`: a U-Net's skip connection and the next epilogue.
 
@@ -61,6 +63,7 @@ def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) 
     return out
 
 
+@overridable
 def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     """`relu(scale * (input + upsampled coarse) + shift)`: an hourglass's skip connection and the next epilogue.
 

@@ -24,7 +24,14 @@ def _columns(image: Tensor, index: Tensor) -> Tensor:
     if w == 0:
         return image.new_zeros(index.shape)
     valid = (index >= 0) & (index < w)
-    return torch.where(valid, image.gather(3, index.clamp(0, w - 1).nan_to_num(0).long()), 0)
+    return torch.where(valid, image.gather(3, torch.where(valid, index, 0).long()), 0)
+
+
+def _shifted(image: Tensor, columns: int) -> Tensor:
+    """`image` [N,C,H,W] moved to the right, with zeros from outside."""
+    if columns < 0:
+        return F.pad(image, (0, -columns))[..., -columns:]
+    return F.pad(image, (columns, 0))[..., : image.shape[-1]]
 
 
 def _sample(image: Tensor, x: Tensor) -> Tensor:
@@ -51,7 +58,7 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None, first: in
     costs = []
     for offset in range(first, last + 1):
         if disparity is None:
-            sampled = _columns(wide_right, columns - offset)
+            sampled = _shifted(wide_right, offset)
         else:
             sampled = _sample(wide_right, columns - _widen(disparity)[0] - offset)
         costs.append((wide_left - sampled).abs().sum(1))
@@ -170,7 +177,8 @@ def stem(
 ) -> Tensor:
     """relu(scale * max_pool(conv(relu(conv(upsampled images - mean)))) + shift)"""
     x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
-    x = F.interpolate(x, scale_factor=input_scale, mode="bilinear")
+    if input_scale > 1:
+        x = F.interpolate(x, scale_factor=input_scale, mode="bilinear")
     x = F.pad(x, (0, -x.shape[3] % multiple, 0, -x.shape[2] % multiple), mode="replicate")
     x = F.relu(F.conv2d(x, weight_first, bias_first, padding=1))
     return max_pool(F.conv2d(x, weight_second, padding=1, stride=2), scale, shift)
@@ -220,9 +228,18 @@ def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     return _affine_relu(F.max_pool2d(input, 2), scale, shift)
 
 
-def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
-    """spatial_propagation with gates / (sum of the absolute values of each pixel's three + 1e-8)"""
-    return spatial_propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
+def normalized_propagation(
+    input: Tensor,
+    gates: Tensor,
+    direction: int,
+    *,
+    propagation: Callable[[Tensor, Tensor, int], Tensor] = spatial_propagation,
+) -> Tensor:
+    """spatial_propagation with gates / (sum of the absolute values of each pixel's three + 1e-8)
+
+    `propagation` may be the compiled operator.
+    """
+    return propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
 
 
 def occlusion_distances(disparity: Tensor) -> tuple[Tensor, Tensor]:

@@ -220,8 +220,8 @@ STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   for (const std::string name : {"conv3x3", "conv3x3x3"}) {
     ANYNET_SCHEMA(
         m,
-        (name + "(Tensor input, Tensor weight, Tensor? bias, Tensor? scale, Tensor? shift, int stride, bool relu_in, "
-                "bool relu_out) -> Tensor")
+        (name + "(Tensor input, Tensor weight, Tensor? bias=None, Tensor? scale=None, Tensor? shift=None, int stride=1, "
+                "bool relu_in=False, bool relu_out=False) -> Tensor")
             .c_str());
     ANYNET_SCHEMA(
         m, (name +

@@ -50,7 +50,7 @@ STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   ANYNET_SCHEMA(
       m,
       "stem(Tensor left, Tensor right, Tensor mean, Tensor weight_first, Tensor bias_first, Tensor weight_second, "
-      "Tensor scale, Tensor shift, int input_scale, int multiple) -> Tensor");
+      "Tensor scale, Tensor shift, int input_scale=1, int multiple=4) -> Tensor");
 }
 #endif
 

@@ -79,6 +79,7 @@ class Worker:
         stage: the last stage to compute (default: all of them).
         preempt: what becomes of the running frame when a newer one is submitted. True: it ends with its first
             estimate, so that every frame begun gives a result, and the newest waits no longer. False: it is finished.
+        confidence, left_right: also how far to trust every pixel; as of `Predictor.stages`.
 
     Raises:
         AnyNetError: if an option is not that.
@@ -91,6 +92,8 @@ class Worker:
         budget_ms: float | None = None,
         stage: int | None = None,
         preempt: bool = True,
+        confidence: bool = False,
+        left_right: bool = False,
     ) -> None:
         if budget_ms is not None and (
             isinstance(budget_ms, bool) or not isinstance(budget_ms, Real) or not budget_ms >= 0
@@ -101,14 +104,18 @@ class Worker:
             isinstance(stage, bool) or not isinstance(stage, Integral) or not 1 <= stage <= (stages or stage)
         ):
             raise AnyNetError(f"Worker: expected stage from 1 to {stages or 'the last'}, got {stage!r}")
-        if not isinstance(preempt, bool):
-            raise AnyNetError(f"Worker: expected preempt as True or False, got {preempt!r}")
+        for name, value in (("preempt", preempt), ("confidence", confidence), ("left_right", left_right)):
+            if not isinstance(value, bool):
+                raise AnyNetError(f"Worker: expected {name} as True or False, got {value!r}")
+        if left_right and not confidence:
+            raise AnyNetError("Worker: expected left_right together with confidence")
         # The thread knows this part alone: it ends when the worker itself is forgotten.
         self._loop = _Loop(
             predictor,
             math.inf if budget_ms is None else float(budget_ms),
             math.inf if stage is None else int(stage),
             preempt,
+            {"confidence": True, "left_right": left_right} if confidence else {},
         )
         finalize(self, self._loop.stop).atexit = False
 
@@ -177,11 +184,19 @@ class Worker:
 class _Loop:
     """What the thread and its worker share."""
 
-    def __init__(self, predictor: Predictor | ShiftedPredictor, budget_ms: float, stage: float, preempt: bool) -> None:
+    def __init__(
+        self,
+        predictor: Predictor | ShiftedPredictor,
+        budget_ms: float,
+        stage: float,
+        preempt: bool,
+        asked: dict[str, bool],
+    ) -> None:
         self.predictor = predictor
         self._budget_ms = budget_ms
         self._stage = stage
         self._preempt = preempt
+        self._asked = asked  # of every estimate beside the disparity
         self._submitted = 0
         self._closed = False
         self.start_afresh()
@@ -278,7 +293,7 @@ class _Loop:
             self._shape, self._latencies = images[0].shape, defaultdict(Latency)
         copies.wait()
         begin = start = perf_counter()
-        for estimate in self.predictor.stages(*images):
+        for estimate in self.predictor.stages(*images, **self._asked):
             end = perf_counter()
             self._latencies[estimate.stage].measured(end - begin)
             begin = end

@@ -36,6 +36,7 @@ COMMANDS = {
     "finetune": ("train", "Train weights further on other data."),
     "evaluate": ("evaluate", "Error and time of networks and of OpenCV's matchers on data sets."),
     "render": ("render", "Stereo pairs with exact ground truth, rendered here."),
+    "export": ("export", "The network for ONNX runtimes, torch.export and C++."),
     "info": ("info", "What is installed: build, instruction set, threads, weights."),
 }
 

@@ -13,7 +13,7 @@ import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.device import Device
-from anynet.cli.pairs import Pair, find_pairs
+from anynet.cli.pairs import Pair, find_pairs, share_of
 from anynet.cli.results import DepthFormat, Format, Writer
 from anynet.cli.told import collected_warnings, tell
 from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
@@ -77,6 +77,12 @@ def predict(
             help="Depth files: TIFF or NumPy in meters, or 16-bit PNG in millimeters; repeatable.", show_default="tiff"
         ),
     ] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N", help="Only every N-th pair, from the I-th on: for N processes or machines, I from 1 to N."
+        ),
+    ] = None,
     all_stages: Annotated[bool, typer.Option("--all-stages", help="Write the earlier stages too.")] = False,
     cameras: CameraOptions = UNKNOWN,
     save_rectified: Annotated[
@@ -106,6 +112,9 @@ def predict(
     if all_stages and budget_ms is not None:
         raise AnyNetError("--all-stages and --budget-ms exclude each other")
     pairs, alone = find_pairs(left, right)
+    share = pairs if shard is None else share_of(pairs, shard)
+    if len(share) < len(pairs) and share[:1] != pairs[:1]:
+        alone = []  # the first share tells
 
     from anynet.trust import Trust
 
@@ -127,7 +136,7 @@ def predict(
         raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
     tell(told)
     failed = 0
-    for pair in _progress(pairs):
+    for pair in _progress(share):
         try:
             report = _process(pair, predictor, request)
         except AnyNetError as error:
@@ -144,7 +153,7 @@ def predict(
         elif "error" not in report:
             _print(report, files=len(pairs) == 1)
     if failed or alone:
-        raise AnyNetError(f"{failed} of {len(pairs)} pairs failed, {len(alone)} images have no partner")
+        raise AnyNetError(f"{failed} of {len(share)} pairs failed, {len(alone)} images have no partner")
 
 
 def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, Any]:
@@ -178,6 +187,7 @@ def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, An
         "width": prepared.left.shape[1],
         "height": prepared.left.shape[0],
         "stage": last.stage,
+        "stages": [estimate.stage for estimate in estimates],
         "elapsed_ms": [round(estimate.elapsed_ms, 3) for estimate in estimates],
         "calibration": None if calibration is None else calibration.values(),
         "files": results.files,

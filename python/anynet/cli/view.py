@@ -9,7 +9,7 @@ import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.device import Device
-from anynet.cli.sources import open_source, size_of
+from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source, size_of
 from anynet.cli.stopping import stopping
 from anynet.cli.told import collected_warnings, tell
 
@@ -25,9 +25,13 @@ Port = Annotated[int, typer.Option(min=0, max=65535, help="Of the page; the next
 def view(
     source: Annotated[str, typer.Argument(metavar="SOURCE", help="Left image, or a source as of `anynet stream`.")],
     right: Annotated[str | None, typer.Argument(metavar="[RIGHT]", help="The right images.")] = None,
-    split: Annotated[bool, typer.Option("--split", help="SOURCE has both images side by side, left first.")] = False,
-    rate: Annotated[float | None, typer.Option(help="Frames per second: of images (10), asked of a camera.")] = None,
-    size: Annotated[str | None, typer.Option(help="Image size that is asked of a camera, such as 1280x720.")] = None,
+    split: Split = False,
+    rate: Rate = None,
+    size: Size = None,
+    topics: Topics = None,
+    topic: Topic = None,
+    slop: Slop = 0.01,
+    reconnect: Reconnect = 10.0,
     weights: Annotated[str, typer.Option(help="Chosen at first: a packaged name, or a path.")] = "default",
     input_scale: Annotated[
         float | None, typer.Option(help="Chosen at first: images are resized by it.", show_default="the weights'")
@@ -43,12 +47,15 @@ def view(
 
     Needs viser: pip install 'anynet[view]'. Ctrl-C ends it.
     """
-    with open_source(source, right, split=split, rate=rate, size=size_of(size)) as opened:
+    named = (topics or ()) if topic is None else (topic,)
+    with open_source(
+        source, right, split=split, rate=rate, size=size_of(size), topics=named, slop=slop, reconnect=reconnect
+    ) as opened:
         with collected_warnings() as told:
-            calibration = cameras.read(Path(source)) or opened.calibration
+            calibration = cameras.of_source(Path(source), opened)
         prepare = cameras.preparation(calibration, input_scale)
         tell([*opened.warnings, *told])
-        show(opened, prepare, weights, input_scale, device, threads, out, host, port)
+        show(opened, prepare, weights, input_scale, device, threads, out, host, port, rate)
 
 
 def show(
@@ -61,6 +68,7 @@ def show(
     out: Path,
     host: str = "127.0.0.1",
     port: int = 8080,
+    rate: float | None = None,
 ) -> None:
     """Serves the page until Ctrl-C or SIGTERM."""
     from anynet.checkpoint import PACKAGED, find_weights
@@ -72,7 +80,7 @@ def show(
     names = [file.stem for file in sorted(PACKAGED.glob("*.safetensors"))]
     view = View(
         source, prepare=prepare, weights=list(dict.fromkeys([weights, *names])), input_scale=input_scale,
-        device=device, threads=threads, host=host, port=port, out=out,
+        device=device, threads=threads, host=host, port=port, out=out, rate=rate,
     )  # fmt: skip
 
     with stopping(view.stop):

@@ -50,6 +50,10 @@ def table(path: str | Path, scale: str | float | None = None, unit: str | None =
     default; a sample may also have no truth at all. `unit` is that of the calibrations' lengths: m, cm, mm, ...
     """
     source = Path(path)
+    if source.is_dir():
+        raise AnyNetError(
+            f"{path}: expected a CSV file, got a folder: one with left/, right/ and disparity/ is folders:{path}"
+        )
     if not source.is_file():
         raise AnyNetError(f"{path}: expected a CSV file with columns {', '.join(COLUMNS)}; there is no such file")
     factor = _factor(scale)

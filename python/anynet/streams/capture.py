@@ -83,6 +83,11 @@ class Capture(Source):
             if counts[0] != counts[1]:
                 self.warnings.append(f"{' and '.join(names)} have {counts[0]} and {counts[1]} frames")
 
+    @property
+    def size(self) -> tuple[int, int] | None:
+        width, height = (int(self._devices[0].get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        return (width // (3 - len(self._devices)), height) if width > 1 and height > 0 else None
+
     def frames(self) -> Iterator[Frame]:
         try:
             yield from self._frames()

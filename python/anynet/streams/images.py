@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from anynet.errors import AnyNetError
 from anynet.io import read_image, read_pair
 from anynet.streams.source import Frame, Source, halves
 
@@ -25,6 +26,15 @@ class ImageFiles(Source):
         self.rate = rate or RATE
         self._files = files
         self._closed = False
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        _, left, right = self._files[0]
+        try:
+            height, width = read_image(left).shape[:2]
+        except AnyNetError:  # told when the frame is read
+            return None
+        return width if right else width // 2, height
 
     def frames(self) -> Iterator[Frame]:
         begin, rate = time.time_ns(), self.rate or RATE

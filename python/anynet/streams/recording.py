@@ -71,6 +71,14 @@ class Recording(Source):
                 rectified = any("rect" in re.split(r"[/_]", topic) for topic in self.topics)
                 self.calibration = calibration if rectified else calibration.rig or calibration
 
+    @property
+    def size(self) -> tuple[int, int] | None:
+        with self._opened() as reader:
+            wanted = [connection for connection in reader.connections if connection.topic == self.topics[0]]
+            _, _, raw = next(self._told(reader.messages(connections=wanted)))
+            levels = levels_of(self._deserialized(reader, raw, wanted[0].msgtype), f"{self._path}: {self.topics[0]}")
+        return levels.shape[1] // (3 - len(self.topics)), levels.shape[0]
+
     def frames(self) -> Iterator[Frame]:
         with self._opened() as reader:
             wanted = [connection for connection in reader.connections if connection.topic in self.topics]
@@ -168,7 +176,7 @@ class Recording(Source):
             return named
         if not images:
             raise AnyNetError(f"{self._path}: no topic with images")
-        seen = [topic for topic in images if not re.search("depth|disparity|mask", topic)]
+        seen = [topic for topic in images if not re.search("depth|disparity|mask|confidence|occluded", topic)]
         found = [[topic] for topic in seen] if split else _pairs_of(seen)
         if len(found) > 1:  # the rectified one, in color, as few bytes as can be
             best = max(_preference(topics) for topics in found)

@@ -53,6 +53,11 @@ class Source(ABC):
     def __init__(self) -> None:
         self.warnings: list[str] = []
 
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width and height of one image, if that can be told before the first frame."""
+        return None
+
     @abstractmethod
     def frames(self) -> Iterator[Frame]:
         """The frames; all of it on one thread.

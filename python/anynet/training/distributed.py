@@ -12,6 +12,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
+from anynet.errors import AnyNetError
 from anynet.model.layers import track
 
 
@@ -41,8 +42,16 @@ class Processes:
 
 @contextmanager
 def process_group(device: str | None) -> Iterator[Processes]:
-    """Joins the process group that torchrun describes in the environment; one process where there is none."""
+    """Joins the process group that torchrun describes in the environment; one process where there is none.
+
+    Raises:
+        AnyNetError: if there is no such device here.
+    """
     kind = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    if kind not in ("cpu", "cuda"):
+        raise AnyNetError(f"device: expected cpu or cuda, got {kind!r}")
+    if kind == "cuda" and not torch.cuda.is_available():
+        raise AnyNetError("device: expected cpu, got 'cuda', of which PyTorch finds none here")
     world_size = int(os.environ.get("WORLD_SIZE", "1"))
     if world_size == 1:
         yield Processes(0, 1, torch.device(kind))

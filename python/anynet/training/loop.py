@@ -7,6 +7,7 @@ import json
 import math
 import os
 import time
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -71,6 +72,8 @@ def train(
     if not len(data):
         raise AnyNetError("no pairs to train on")
     with process_group(recipe.device) as group, _locked(out) if group.is_main else nullcontext():
+        if recipe.amp and group.device.type == "cpu" and group.is_main:
+            warnings.warn("amp is for CUDA: on a CPU it saves no time", stacklevel=2)
         if group.is_main:
             _begin(recipe, out, resume)
         group.barrier()

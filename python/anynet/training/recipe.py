@@ -56,7 +56,9 @@ class Recipe:
     """
 
     data: tuple[str, ...] = _option(
-        (), "Training data, KIND:ROOT[?OPTION=VALUE&...]: folders:, csv:, ... (docs/data.md); several are joined."
+        (),
+        "Training data, KIND:ROOT[?OPTION=VALUE&...], like rendered:DIR, folders:DIR?scale=4 (with left/, right/ and "
+        "disparity/), csv:FILE?scale=1000&unit=mm (docs/data.md); several are joined.",
     )
     validation: tuple[str, ...] = _option((), "Data to measure on while training, KIND:ROOT[?OPTION=VALUE&...].")
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
@@ -187,7 +189,12 @@ class Recipe:
         for option in fields(self):
             old, new = getattr(self, option.name), getattr(other, option.name)
             if old != new and not option.metadata["runtime"]:
-                raise AnyNetError(f"{option.name} was {old!r} when the run began, so it cannot be {new!r} on resuming")
+                longer = ""
+                if option.name in ("steps", "epochs"):
+                    longer = ": to train longer, begin another with `anynet finetune --weights RUN/weights.safetensors`"
+                raise AnyNetError(
+                    f"{option.name} was {old!r} when the run began, so it cannot be {new!r} on resuming{longer}"
+                )
 
 
 ENLARGED = Recipe(

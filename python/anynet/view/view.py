@@ -55,6 +55,7 @@ class View:
         device, threads: see `Predictor`.
         host, port: see `Page`.
         out: folder of what "save" saves.
+        rate: frames per second at which recordings are played, in place of their own pace.
 
     Raises:
         AnyNetError: if viser is missing.
@@ -65,18 +66,20 @@ class View:
         source: Source,
         *,
         prepare: PairPreparation | None = None,
-        weights: Sequence[str] = ("default", "large", "kitti"),
+        weights: Sequence[str] = ("default", "paper", "large", "kitti"),
         input_scale: float | None = None,
         device: str = "cpu",
         threads: int | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
         out: Path = Path("anynet-view"),
+        rate: float | None = None,
     ) -> None:
         self._source = source
         self._prepare = prepare or PairPreparation(check=False)
         self._device, self._threads = device, threads
         self._out = out
+        self._rate = None if source.live else rate
         self._stopped = threading.Event()
         self._key: tuple[str, float | None] | None = None
         self._predictor: Predictor | None = None
@@ -113,7 +116,8 @@ class View:
                         self.page.step.clear()
                         following = next(frames, None)
                         if following is not None:
-                            due = max(perf_counter(), due + max(0.0, following[0].time - frame.time))
+                            pause = 1 / self._rate if self._rate else max(0.0, following[0].time - frame.time)
+                            due = max(perf_counter(), due + pause)
                             frame, pair = following
                             break
                     if self.page.changed.wait(_POLL):

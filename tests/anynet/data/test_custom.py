@@ -115,6 +115,11 @@ def test_own_folders_and_table(tmp_path: Path) -> None:
     assert np.isnan(unknown.disparity).all()
 
 
+def test_a_folder_is_no_table(tmp_path: Path) -> None:
+    with pytest.raises(AnyNetError, match=r"expected a CSV file, got a folder: .* is folders:"):
+        open_dataset(f"csv:{tmp_path}")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
