@@ -202,7 +202,7 @@ def deployed(name: str, shape: str, make: Callable[[], tuple[Any, ...]], passes:
     with torch.device("meta"):
         args = make()
         inputs = sum(t.nbytes for t in torch.utils._pytree.tree_leaves(args) if isinstance(t, Tensor))
-        out = getattr(anynet_ext, name)(*args).nbytes
+        out = getattr(reference, name)(*args).nbytes
     return Workload(name, shape, inputs + out, int(passes * inputs) + out, make, ours, eager)
 
 
