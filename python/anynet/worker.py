@@ -190,13 +190,13 @@ class _Loop:
         budget_ms: float,
         stage: float,
         preempt: bool,
-        asked: dict[str, bool],
+        asked: dict[str, Any],
     ) -> None:
         self.predictor = predictor
         self._budget_ms = budget_ms
         self._stage = stage
         self._preempt = preempt
-        self._asked = asked  # of every estimate beside the disparity
+        self._asked = asked  # of every estimate beside the disparity; stand-ins take none
         self._submitted = 0
         self._closed = False
         self.start_afresh()

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.device import Device
-from anynet.cli.told import collected_warnings, tell
+from anynet.cli.told import collected_warnings, tell_warnings
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
 
@@ -75,7 +75,7 @@ def demo(
     predictor = Predictor(weights, device=device, threads=threads, input_scale=input_scale)
     estimates, times = _run(predictor, prepare, sample)
     told += [*pair.warnings, *_truth_findings(sample, estimates[-1], truth)]
-    tell(told)
+    tell_warnings(told)
     _print_table(sample, estimates, times)
     for file in _write(out, pair, sample, estimates, times, save_rectified):
         print(file)

@@ -11,7 +11,7 @@ from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.device import Device
 from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source, size_of
 from anynet.cli.stopping import stopping
-from anynet.cli.told import collected_warnings, tell
+from anynet.cli.told import collected_warnings, tell_warnings
 
 if TYPE_CHECKING:
     from anynet.camera import PairPreparation
@@ -54,7 +54,7 @@ def view(
         with collected_warnings() as told:
             calibration = cameras.of_source(Path(source), opened)
         prepare = cameras.preparation(calibration, input_scale)
-        tell([*opened.warnings, *told])
+        tell_warnings([*opened.warnings, *told])
         show(opened, prepare, weights, input_scale, device, threads, out, host, port, rate)
 
 

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from anynet.camera import Calibration, PairPreparation, PreparedPair
-from anynet.cli.results import Format, Writer
-from anynet.errors import AnyNetError
+from anynet.cli.results import Writer, file_ids
+from anynet.errors import AnyNetError, printable
 from anynet.io.files import make_folder
 from anynet.predictor import Estimate, Predictor
 from anynet.streams import Frame, Source
@@ -136,7 +136,7 @@ class View:
                 if count == 1:
                     self._prepare = self._prepare.following(pair)  # the others are not looked at as closely
                     for warning in pair.warnings:
-                        print(f"anynet: {frame.name}: warning: {warning}", file=sys.stderr)
+                        print(printable(f"anynet: {frame.name}: warning: {warning}"), file=sys.stderr)
                 yield frame, pair
             if not count:
                 raise AnyNetError("the source has no frames")
@@ -200,7 +200,8 @@ class View:
         self, frame: Frame, pair: PreparedPair, estimate: Estimate, kept: npt.NDArray[np.float32], settings: Settings
     ) -> None:
         make_folder(self._out)
-        results = Writer(self._out, Format.png, max_depth=settings.max_depth).of(frame.name)
+        writer = Writer(self._out, max_depth=settings.max_depth, inputs=file_ids(self._source.files))
+        results = writer.of(frame.name)
         results.write_disparity("", kept, limits_of(estimate.disparity))
         results.write_trust(estimate)
         if pair.calibration is not None:
