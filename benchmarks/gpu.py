@@ -34,6 +34,7 @@ MULTIPLY_ADDS = {"H100": 33.5e12, "RTX 4090": 41.3e12, "Orin": 2.65e12}
 GAP = 2e-6  # seconds from one kernel of a CUDA graph to the next: assumed
 FLOAT = 4
 KITTI = (375, 1242)
+NETWORKS = ("paper", "default", "large")
 
 
 @dataclass(frozen=True)
@@ -201,7 +202,7 @@ def deployed(name: str, shape: str, make: Callable[[], tuple[Any, ...]], passes:
     with torch.device("meta"):
         args = make()
         inputs = sum(t.nbytes for t in torch.utils._pytree.tree_leaves(args) if isinstance(t, Tensor))
-        out = getattr(anynet_ext, name)(*args).nbytes
+        out = getattr(reference, name)(*args).nbytes
     return Workload(name, shape, inputs + out, int(passes * inputs) + out, make, ours, eager)
 
 
@@ -366,7 +367,7 @@ def measure(seconds: float) -> None:
     torch.manual_seed(0)
     until = perf_counter() + seconds
     measure_operators()
-    for weights in ("default", "large"):
+    for weights in NETWORKS:
         measure_network(weights, until)
 
 
@@ -455,7 +456,7 @@ def estimate_network(weights: str) -> None:
 
 
 def estimate() -> None:
-    for weights in ("default", "large"):
+    for weights in NETWORKS:
         estimate_network(weights)
     print()
     print(f"| operator | size | fewest MB | as coded MB | {' | '.join(f'{gpu} µs' for gpu in BANDWIDTH)} |")

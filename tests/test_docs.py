@@ -46,7 +46,7 @@ OTHERS = ("text", "json", "toml", "yaml", "cpp", "csv")
 PROGRAMS = (
     "anynet", "cmake", "compute-sanitizer", "ctest", "mkdocs", "mypy", "pip", "pytest", "python", "ruff", "torchrun",
 )  # fmt: skip
-SCRIPTS = ("build/gpu/tests/cuda/cuda_check", ".ci/wheels")  # called by their paths
+SCRIPTS = ("build/gpu/tests/cuda/cuda_check", ".ci/gpu", ".ci/wheels")  # called by their paths
 CALIBRATION = "cam0=[100 0 32; 0 100 24; 0 0 1]\nbaseline=120\ndoffs=0\nwidth=64\nheight=48\n"
 Call = list[str]
 

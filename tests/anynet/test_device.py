@@ -84,7 +84,7 @@ def test_a_process_forked_off_a_gpus_is_told(predictor_on_gpu: Predictor) -> Non
 @pytest.mark.parametrize("input_scale", [None, 0.5])
 def test_tensors_stay_tensors(view: str, input_scale: float | None) -> None:
     """On the CPU as on a GPU."""
-    predictor = Predictor(input_scale=input_scale)
+    predictor = Predictor("paper", input_scale=input_scale)
     scene = np.random.default_rng(0).integers(0, 256, (12, 30, 3), dtype=np.uint8).repeat(4, 0).repeat(4, 1)
     images = scene[:, :-4].copy(), scene[:, 4:].copy()
     arrays = predictor.predict(*images, view=view, confidence=True)

@@ -15,10 +15,18 @@
 #include <vector>
 
 #define ANYNET_ISA baseline
+#include "../../csrc/kernels/candidates/candidates.h"
 #include "../../csrc/kernels/common/simd.h"
+#include "../../csrc/kernels/conv/conv.h"
+#include "../../csrc/kernels/convex_upsampling/convex_upsampling.h"
 #include "../../csrc/kernels/cost_volume/cost_volume.h"
+#include "../../csrc/kernels/max_pool/max_pool.h"
+#include "../../csrc/kernels/occlusion/occlusion.h"
+#include "../../csrc/kernels/read_image/read_image.h"
 #include "../../csrc/kernels/soft_argmin/soft_argmin.h"
 #include "../../csrc/kernels/spatial_propagation/spatial_propagation.h"
+#include "../../csrc/kernels/stem/stem.h"
+#include "../../csrc/kernels/upsample/upsample.h"
 #include "../../csrc/kernels/warp/warp.h"
 
 using namespace anynet;
@@ -203,6 +211,177 @@ void check_all(const char* type) {
   check_spatial_propagation<T>(type, 1, 1, 3, 600, 3, Layout::contiguous);
 }
 
+// ------------------------------------------------------------------------------------ of the deployed network, in
+// float
+using Floats = Array<float, 1>;
+
+/// Its place on the host or on the device.
+float* at(Floats& array, bool device) { return device ? array.device_data() : array.host_data(); }
+
+AffineRelu<float> affine(Floats& scale, Floats& shift, int64_t channels, bool device) {
+  return {at(scale, device), at(shift, device), channels};
+}
+
+class Image {
+ public:
+  explicit Image(int64_t bytes) : host_(bytes) {
+    for (uint8_t& b : host_) b = static_cast<uint8_t>(generator());
+    expect(cudaMalloc(reinterpret_cast<void**>(&device_), host_.size()));
+    expect(cudaMemcpy(device_, host_.data(), host_.size(), cudaMemcpyHostToDevice));
+  }
+  ~Image() { cudaFree(device_); }
+  Image(const Image&) = delete;
+  const uint8_t* at(bool device) const { return device ? device_ : host_.data(); }
+
+ private:
+  std::vector<uint8_t> host_;
+  uint8_t* device_ = nullptr;
+};
+
+void check_conv(int64_t kernel_depth, int64_t stride, int64_t C, int64_t O, int64_t D, int64_t H, int64_t W) {
+  const ConvShape shape{2, C, O, D, H, W, kernel_depth, stride};
+  const auto strided = [&](int64_t size) { return (size - 1) / stride + 1; };
+  const int64_t depth = kernel_depth == 3 ? strided(D) : D;
+  Floats input({2 * C * D * H * W}), weight({O * C * kernel_depth * 9}), bias({O}), scale({C}), shift({C});
+  Floats out({2 * O * depth * strided(H) * strided(W)});
+  const auto args = [&](bool device) {
+    return Conv<float>{
+        shape, at(input, device), at(weight, device), at(bias, device), at(scale, device), at(shift, device),
+        true,  C % 2 == 0,        at(out, device)};
+  };
+  baseline::conv<float>(args(false), 1);
+  cuda::conv<float>(args(true), nullptr);
+  out.compare(describe("conv", "float", {kernel_depth, stride, C, O, D, H, W}, Layout::contiguous));
+}
+
+void check_conv_pair(int64_t kernel_depth, int64_t C, int64_t M, int64_t O, int64_t D, int64_t H, int64_t W) {
+  Floats input({2 * C * D * H * W}), first({M * C * kernel_depth * 9}), second({O * M * kernel_depth * 9});
+  Floats between({2 * M * D * H * W}), bias({M}), out({2 * O * D * H * W});
+  const ConvShape shape{2, C, M, D, H, W, kernel_depth, 1}, next{2, M, O, D, H, W, kernel_depth, 1};
+  baseline::conv<float>(
+      {shape, at(input, false), at(first, false), at(bias, false), nullptr, nullptr, false, true, at(between, false)},
+      1);
+  baseline::conv<float>(
+      {next, at(between, false), at(second, false), nullptr, nullptr, nullptr, false, false, at(out, false)}, 1);
+  cuda::conv_pair(
+      {shape, O, at(input, true), at(first, true), at(bias, true), at(second, true), nullptr, false, at(out, true)},
+      nullptr);
+  out.compare(describe("conv_pair", "float", {kernel_depth, C, M, O, D, H, W}, Layout::contiguous));
+}
+
+void check_images(int64_t H, int64_t W, int64_t C, int64_t scale) {
+  const Image left(H * W * 3), right(H * W * 3);
+  Floats mean({3}), deviation({3}), first({C * 27}), bias({C}), second({C * C * 9}), gain({C}), shift({C});
+  const int64_t height = (scale * H + 3) / 4 * 4, width = (scale * W + 3) / 4 * 4;
+  Floats out({2 * C * height / 4 * width / 4});
+  const auto args = [&](bool device) {
+    return Stem<float>{{left.at(device), right.at(device)},
+                       H,
+                       W,
+                       scale,
+                       height,
+                       width,
+                       C,
+                       at(mean, device),
+                       at(first, device),
+                       at(bias, device),
+                       at(second, device),
+                       affine(gain, shift, C, device),
+                       at(out, device)};
+  };
+  baseline::stem<float>(args(false), 1);
+  cuda::stem<float>(args(true), nullptr);
+  out.compare(describe("stem", "float", {H, W, C, scale}, Layout::contiguous));
+  std::fill_n(deviation.host_data(), 3, 2.0f);
+  expect(cudaMemcpy(deviation.device_data(), deviation.host_data(), deviation.bytes(), cudaMemcpyHostToDevice));
+  Floats small({3 * 4 * H * W});
+  const auto reading = [&](bool device) {
+    return ReadImage<float>{left.at(device),  H, W, 2 * scale, 2, H, W, at(mean, device), at(deviation, device),
+                            at(small, device)};
+  };
+  baseline::read_image<float>(reading(false), 1);
+  cuda::read_image<float>(reading(true), nullptr);
+  small.compare(describe("read_image", "float", {H, W, scale}, Layout::contiguous));
+}
+
+void check_maps(int64_t H, int64_t W) {
+  const int64_t N = 2, C = 4, pixels = H * W;
+  const std::vector<int64_t> size{H, W};
+  Floats map({N * C * pixels}), scale({C}), shift({C}), coarse({N * C * pixels}),
+      disparity({pixels}, Layout::contiguous, 40);
+  Floats out({N * C * 4 * 4 * pixels});
+  const auto expect_equal = [&](const char* op, const std::function<void(bool)>& run) {
+    run(false);
+    run(true);
+    out.compare(describe(op, "float", size, Layout::contiguous));
+  };
+#define RUN(kernel, ...)                   \
+  expect_equal(#kernel, [&](bool device) { \
+    const auto args = __VA_ARGS__;         \
+    if (device) {                          \
+      cuda::kernel<float>(args, nullptr);  \
+    } else {                               \
+      baseline::kernel<float>(args, 1);    \
+    }                                      \
+  })
+  RUN(max_pool, MaxPool<float>{N, C, H, W, at(map, device), affine(scale, shift, C, device), at(out, device)});
+  RUN(upsample_concat, UpsampleConcat<float>{N, 2, 2, H, W, (H + 1) / 2, (W + 1) / 2, at(map, device),
+                                             at(coarse, device), affine(scale, shift, C, device), at(out, device)});
+  RUN(upsample_add, UpsampleAdd<float>{1, C, N, H, W, 1, (H + 1) / 2, (W + 1) / 2, at(map, device), at(coarse, device),
+                                       affine(scale, shift, C, device), at(out, device)});
+  RUN(upsample_sum, UpsampleSum<float>{2,
+                                       {at(map, device), at(coarse, device)},
+                                       {H, 2 * H},
+                                       {W, 2 * W},
+                                       {2, 1},
+                                       {0.5f, 2.0f},
+                                       0.25f,
+                                       2 * H,
+                                       2 * W,
+                                       at(out, device)});
+  RUN(candidate_costs,
+      CandidateCosts<float>{C, 2, H, W, at(map, device), at(disparity, device), -2, 5, 2, at(out, device)});
+  RUN(expected_disparity, ExpectedDisparity<float>{6, pixels, at(map, device), at(disparity, device),
+                                                   at(coarse, device), -2, at(out, device)});
+  RUN(fill_occlusions, FillOcclusions<float>{C * H, W, at(map, device), 0.125f, at(out, device)});
+  Floats logits({32 * pixels});
+  RUN(convex_upsampling, ConvexUpsampling<float>{1, H, W, at(map, device), at(logits, device), at(out, device)});
+  Floats gates({3 * C * pixels});
+  for (int direction = 0; direction < 4; ++direction) {
+    RUN(spatial_propagation,
+        SpatialPropagation<float>{{at(map, device), {1, C, H, W}, {C * pixels, pixels, W, 1}},
+                                  {at(gates, device), {1, 3, C, H, W}, {3 * C * pixels, C * pixels, pixels, W, 1}},
+                                  direction,
+                                  at(out, device),
+                                  true});
+  }
+  const View4<const float> none{};
+  for (bool around : {false, true}) {
+    const auto view = [&](Floats& array, int64_t c, bool device) {
+      return View4<const float>{at(array, device), {2, c, H, W}, {c * pixels, pixels, W, 1}};
+    };
+    RUN(cost_volume,
+        CostVolume<float>{view(map, 4, device), view(coarse, 4, device), around ? view(logits, 1, device) : none, -2, 5,
+                          at(out, device), affine(scale, shift, 2, device)});
+  }
+#undef RUN
+}
+
+void check_deployed() {
+  for (int64_t stride : {1, 2}) {
+    check_conv(1, stride, 3, 2, 1, 7, 37);
+    check_conv(1, stride, 6, 9, 1, 5, 33);
+    check_conv(3, stride, 5, 1, 3, 5, 34);
+  }
+  check_conv_pair(1, 3, 5, 2, 1, 9, 35);
+  check_conv_pair(3, 1, 4, 4, 5, 7, 18);
+  check_images(13, 37, 1, 1);
+  check_images(9, 10, 10, 2);
+  check_maps(1, 1);
+  check_maps(5, 38);
+  check_maps(19, 33);
+}
+
 #ifndef ANYNET_EMULATED
 /// Median milliseconds of 50 calls, each between two events; the cache is overwritten in between.
 double time(const std::function<void()>& call) {
@@ -282,6 +461,7 @@ int main(int argc, char** argv) {
   check_all<double>("float64");
   check_all<float16>("float16");
   check_all<bfloat16>("bfloat16");
+  check_deployed();
   std::printf("%d of %d comparisons failed\n", failures, checks);
 #ifdef ANYNET_EMULATED
   (void)argc, (void)argv;

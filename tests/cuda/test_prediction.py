@@ -44,7 +44,7 @@ def predictor() -> Predictor:
     return Predictor(device="cuda")
 
 
-@pytest.mark.parametrize("weights", ["default", "large", "kitti"])
+@pytest.mark.parametrize("weights", ["paper", "large", "kitti"])
 def test_equals_the_cpu(weights: str) -> None:
     gpu, cpu = Predictor(weights, device="cuda"), Predictor(weights)
     for seed in (0, 1):  # captured, then replayed

@@ -10,17 +10,17 @@ namespace {
 constexpr int tile_columns = 16, tile_rows = 4, threads_per_block = tile_columns * tile_rows;
 constexpr int first_columns = 4 * tile_columns + 1, first_rows = 4 * tile_rows + 1;
 constexpr int image_columns = first_columns + 2, image_rows = first_rows + 2;
-constexpr int outputs = 8;  // channels of the second layer at a time
+constexpr int outputs = 4;  // channels of the second layer at a time
 
 /// The upsampled image, padded by replication, less the mean; 0 outside.
 template <class T>
-ANYNET_DEVICE T image_pixel(const Stem<T>& a, int side, int64_t y, int64_t x, int c) {
+ANYNET_DEVICE T image_pixel(const Stem<T>& a, const uint8_t* image, int64_t y, int64_t x, int c) {
   if (y < 0 || y >= a.height || x < 0 || x >= a.width) return 0;
   const int64_t height = a.input_scale * a.image_height, width = a.input_scale * a.image_width;
   y = y < height ? y : height - 1;
   x = x < width ? x : width - 1;
   const auto value = [&](int64_t row, int64_t column) {
-    return static_cast<T>(__ldg(a.image[side] + (row * a.image_width + column) * 3 + c));
+    return static_cast<T>(__ldg(image + (row * a.image_width + column) * 3 + c));
   };
   const T mean = read(a.mean + c);
   if (a.input_scale == 1) return value(y, x) - mean;
@@ -42,13 +42,15 @@ __global__ void __launch_bounds__(threads_per_block) both_layers(Stem<T> a, int6
   const int side = static_cast<int>(block / chunks);
   const int column = threadIdx.x, row = threadIdx.y, thread = row * tile_columns + column;
 
+  const uint8_t* const bytes = side == 0 ? a.image[0] : a.image[1];  // an index would put the arguments into memory
+
   SharedMemory shared;
   T* const image = shared.take<T>(3 * image_rows * image_columns);
   T* const first = shared.take<T>(first_rows * first_columns);
   for (int i = thread; i < image_rows * image_columns; i += threads_per_block) {
     const int64_t y = 4 * y_begin + i / image_columns - 2, x = 4 * x_begin + i % image_columns - 2;
 #pragma unroll
-    for (int c = 0; c < 3; ++c) image[c * image_rows * image_columns + i] = image_pixel(a, side, y, x, c);
+    for (int c = 0; c < 3; ++c) image[c * image_rows * image_columns + i] = image_pixel(a, bytes, y, x, c);
   }
   T sums[outputs][4] = {};
   for (int64_t c = 0; c < a.channels; ++c) {
@@ -74,7 +76,7 @@ __global__ void __launch_bounds__(threads_per_block) both_layers(Stem<T> a, int6
     for (int t = 0; t < 25; ++t) window[t] = first[(4 * row + t / 5) * first_columns + 4 * column + t % 5];
 #pragma unroll
     for (int o = 0; o < outputs; ++o) {
-      if (o_begin + o < a.channels) {  // a break would put the sums into memory
+      if (o_begin + o < a.channels) {
         const T* weight = a.weight_second + ((o_begin + o) * a.channels + c) * 9;
 #pragma unroll
         for (int t = 0; t < 9; ++t) {
@@ -91,8 +93,11 @@ __global__ void __launch_bounds__(threads_per_block) both_layers(Stem<T> a, int6
 #pragma unroll
   for (int o = 0; o < outputs; ++o) {
     const T largest = larger(larger(sums[o][0], sums[o][1]), larger(sums[o][2], sums[o][3]));
-    if (o_begin + o < a.channels)
-      a.out[((side * a.channels + o_begin + o) * height + y) * width + x] = apply(a.epilogue, o_begin + o, largest);
+    const int64_t c = o_begin + o;
+    if (c < a.channels) {
+      const T value = read(a.epilogue.scale + c) * largest + read(a.epilogue.shift + c);
+      a.out[((side * a.channels + c) * height + y) * width + x] = relu(value);
+    }
   }
 }
 

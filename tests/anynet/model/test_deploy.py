@@ -10,6 +10,8 @@ from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from anynet import AnyNet, AnyNetConfig, load_checkpoint
+from anynet.checkpoint import PACKAGED
+from anynet.model import presets
 from anynet.model.deploy import DeployedAnyNet
 from anynet.model.residual_stage import DeployedCandidateStage, DeployedResidualStage
 from anynet_ext import reference
@@ -86,7 +88,7 @@ class Redirected(TorchDispatchMode):
 
 def in_plain_pytorch(func: Any) -> Callable[..., Tensor]:
     names = [argument.name for argument in func._schema.arguments]
-    return lambda *args: getattr(reference, func._opname)(**dict(zip(names, args, strict=True)))
+    return lambda *args: getattr(reference, func._opname)(**dict(zip(names, args, strict=False)))
 
 
 def as_cuda_kernels(func: Any) -> Callable[..., Tensor]:
@@ -109,7 +111,7 @@ def check_redirected(weights: str, mode: Redirected) -> None:
         assert (one - other).abs().max() < 1e-4
 
 
-@pytest.mark.parametrize("weights", ["default", "large", "kitti"])
+@pytest.mark.parametrize("weights", [file.stem for file in sorted(PACKAGED.glob("*.safetensors"))])
 def test_its_operators_in_plain_pytorch_give_the_same(weights: str) -> None:
     check_redirected(weights, Redirected(in_plain_pytorch))
 
@@ -121,8 +123,8 @@ def test_its_cuda_kernels_emulated_give_the_same(emulated_operators: None, weigh
 
 
 @pytest.mark.slow
-def test_four_stages_are_forty_launches(emulated_operators: None) -> None:
-    network, pair = DeployedAnyNet(load_checkpoint("default")), images(32, 64)
+def test_four_stages_of_the_papers_network_are_forty_launches(emulated_operators: None) -> None:
+    network, pair = DeployedAnyNet(AnyNet(presets.filled()).eval()), images(32, 64)
     before = torch.ops.anynet_cuda_emulated.launches()
     with torch.inference_mode(), Redirected(as_cuda_kernels) as mode:
         *_, result = network.stages(*pair)
