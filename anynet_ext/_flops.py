@@ -69,18 +69,24 @@ _FORMULAS: dict[str, Callable[..., int]] = {
 } | {name: lambda out, *_, count=count: count * prod(out) for name, count in _PER_VALUE.items()}
 
 
-def _register(name: str, formula: Callable[[Any, tuple[Any, ...]], int]) -> None:
+def _register(name: str, formula: Callable[..., int]) -> None:
+    """Of the result and the arguments, with shapes in the places of tensors."""
+
     def counted(*args: Any, out_shape: Any = None, **kwargs: Any) -> int:
-        return formula(out_shape, args)
+        return formula(out_shape, *args)
 
     register_flop_formula(getattr(torch.ops.anynet, name))(counted)
 
 
+def _backward(formula: Callable[..., int]) -> Callable[..., int]:
+    return lambda out, grad, *args: 2 * formula(grad, *args)
+
+
 for _name, _formula in _FORMULAS.items():
-    _register(_name, lambda out, args, formula=_formula: formula(out, *args))
+    _register(_name, _formula)
 for _name in ("batch_norm_relu", "cost_volume", "resize", "soft_argmin", "spatial_propagation", "warp"):
-    _register(f"{_name}_backward", lambda out, args, formula=_FORMULAS[_name]: 2 * formula(args[0], *args[1:]))
+    _register(f"{_name}_backward", _backward(_FORMULAS[_name]))
 for _name in ("conv3x3", "conv3x3x3"):
     # Of (grad, weight, before, input_size, stride) and (grad, input, scale, shift, stride, relu_in).
-    _register(f"{_name}_backward_input", lambda out, args: _convolution(args[0], args[3], args[1]))
-    _register(f"{_name}_backward_weight", lambda out, args: _convolution(args[0], args[1], out[0]))
+    _register(f"{_name}_backward_input", lambda out, grad, weight, before, size, *_: _convolution(grad, size, weight))
+    _register(f"{_name}_backward_weight", lambda out, grad, input, *_: _convolution(grad, input, out[0]))

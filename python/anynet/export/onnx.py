@@ -60,7 +60,8 @@ def write_out(program: ExportedProgram) -> ExportedProgram:
     ours.discard(torch.ops.anynet.spatial_propagation.default)
     table: dict[Any, Callable[..., Any]] = {operator: _reference(operator) for operator in ours}
     table[torch.ops.aten.cummin.default] = _cummin
-    return program.run_decompositions(table)
+    written: ExportedProgram = program.run_decompositions(table)
+    return written
 
 
 def _reference(operator: Any) -> Callable[..., Any]:
