@@ -7,7 +7,8 @@ from pathlib import Path
 
 import torch
 from torch import Tensor
-from torch._inductor.package.package import AOTI_FILES, package_aoti
+from torch._inductor.package.package import package_aoti
+from torch.export.pt2_archive._package import AOTI_FILES
 from torch.export.pt2_archive._package_weights import Weights
 
 from anynet.errors import AnyNetError, one_line
