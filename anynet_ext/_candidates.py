@@ -11,7 +11,7 @@ from anynet_ext._register import overridable, register_inference
 
 @overridable
 def candidate_costs(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
-    """Matching costs of a residual stage's candidates, with what else its network sees. For inference on the CPU.
+    """Matching costs of a residual stage's candidates, with what else its network sees. For inference.
 
     The candidates are the residuals first ... last around the estimate and, to propagate good disparities, the largest
     and the smallest disparity of a window.
@@ -38,7 +38,7 @@ def candidate_costs(features: Tensor, disparity: Tensor, groups: int, first: int
 
 @overridable
 def expected_disparity(cost: Tensor, disparity: Tensor, offsets: Tensor, first: int) -> Tensor:
-    """`disparity + sum_k softmax(-cost)[k] * residual[k]`, for inference on the CPU.
+    """`disparity + sum_k softmax(-cost)[k] * residual[k]`, for inference.
 
     The residuals are first, first + 1, ..., offsets[:, 0], offsets[:, 1], as `candidate_costs` orders them.
 

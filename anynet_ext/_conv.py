@@ -7,8 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from anynet_ext import _checks, _library, reference  # noqa: F401  (loads the operators)
-from anynet_ext._register import overridable, register
+from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
+from anynet_ext._register import overridable, register, register_inference
 
 CHANNELS = 64
 
@@ -33,7 +33,7 @@ def conv3x3(
     It is for layers whose channels are few and pixels many, where general libraries reach a few per cent of a CPU's
     arithmetic: pixels lie in the vector registers, in PyTorch's own layout, and nothing is reordered. Prefer PyTorch's
     (oneDNN's) convolutions for more than 32 channels out, for other kernel sizes, and for rows much shorter than a
-    vector (16 pixels). On CUDA tensors this calls PyTorch's own.
+    vector (16 pixels). On CUDA tensors the derivatives are PyTorch's own.
 
     Args:
         input: [N, C, H, W], float32 or float64, 1 <= C <= 64; made contiguous if it is not.
@@ -76,6 +76,44 @@ def conv3x3x3(
     _check("conv3x3x3", 3, input, weight, bias, stride, scale, shift)
     out: Tensor = torch.ops.anynet.conv3x3x3(input, weight, bias, scale, shift, stride, relu_in, relu_out)
     return out
+
+
+def conv_pair(
+    input: Tensor,
+    weight_first: Tensor,
+    bias_first: Tensor | None,
+    weight_second: Tensor,
+    bias_second: Tensor | None = None,
+    *,
+    relu_out: bool = False,
+) -> Tensor:
+    """Two convolutions of stride 1 with a ReLU between them, for inference; on a GPU one launch where channels are few.
+
+    Args:
+        input: [N, C, H, W] or [N, C, D, H, W] float32, contiguous, 1 <= C <= 64.
+        weight_first, weight_second: [M, C, 3, 3] and [O, M, 3, 3], or with a third 3; M, O <= 64.
+        bias_first, bias_second: [M], [O].
+        relu_out: ReLU after the second, too.
+
+    Returns:
+        [N, O, H, W] or [N, O, D, H, W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype, shape or layout.
+    """
+    out: Tensor = torch.ops.anynet.conv_pair(input, weight_first, bias_first, weight_second, bias_second, relu_out)
+    return out
+
+
+def _fake_conv_pair(
+    input: Tensor,
+    weight_first: Tensor,
+    bias_first: Tensor | None,
+    weight_second: Tensor,
+    bias_second: Tensor | None,
+    relu_out: bool,
+) -> Tensor:
+    return input.new_empty(input.shape[0], weight_second.shape[0], *input.shape[2:])
 
 
 def _check(
@@ -161,22 +199,6 @@ def _register(name: str, dimensions: int) -> None:
             return input
         return input * scale.view(channels_last) + shift.view(channels_last)
 
-    @torch.library.impl(op, "CUDA")
-    def _cuda(
-        input: Tensor,
-        weight: Tensor,
-        bias: Tensor | None = None,
-        scale: Tensor | None = None,
-        shift: Tensor | None = None,
-        stride: int = 1,
-        relu_in: bool = False,
-        relu_out: bool = False,
-    ) -> Tensor:
-        function = reference.conv3x3 if dimensions == 2 else reference.conv3x3x3
-        return function(
-            input, weight, bias, stride=stride, scale=scale, shift=shift, relu_in=relu_in, relu_out=relu_out
-        ).contiguous()
-
     def _convolution_backward(
         grad: Tensor, input: Tensor, weight: Tensor, stride: int, mask: list[bool]
     ) -> tuple[Tensor, Tensor, Tensor]:
@@ -246,3 +268,4 @@ def _register(name: str, dimensions: int) -> None:
 
 _register("conv3x3", 2)
 _register("conv3x3x3", 3)
+register_inference("conv_pair", _fake_conv_pair)

@@ -11,7 +11,7 @@ from anynet_ext._register import overridable, register_inference
 
 @overridable
 def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
-    """Upsampling by two, each pixel a mean of the 3x3 around it, weighted by a softmax. For inference on the CPU.
+    """Upsampling by two, each pixel a mean of the 3x3 around it, weighted by a softmax. For inference.
 
     Args:
         input: [N, 1, H, W] float32, contiguous; padded by replication.

@@ -51,7 +51,7 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
 def cost_volume_affine_relu(
     left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
 ) -> Tensor:
-    """`relu(scale * cost_volume + shift)`: the input of a cost network's first convolution, for inference on the CPU.
+    """`relu(scale * cost_volume + shift)`: the input of a cost network's first convolution, for inference.
 
     Args:
         left: [N, C, H, W] float32, contiguous; the G groups of channels of a pair are G samples of the batch.

@@ -11,7 +11,7 @@ from anynet_ext._register import overridable, register_inference
 
 @overridable
 def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
-    """`relu(scale * max_pool2d(input, 2) + shift)`, for inference on the CPU.
+    """`relu(scale * max_pool2d(input, 2) + shift)`, for inference.
 
     Args:
         input: [N, C, H, W] float32, contiguous, as are all.

@@ -15,7 +15,7 @@ def read_image(
 ) -> Tensor:
     """An 8-bit image downsampled by `factor` (bilinear, align_corners=False) and normalized: less `mean`, over `std`.
 
-    For inference on the CPU.
+    For inference.
 
     Args:
         image: [H, W, 3] uint8, contiguous; padded by replication where the output goes beyond.

@@ -49,7 +49,7 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
 def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     """`spatial_propagation` with each pixel's three gates over the sum of their absolute values plus 1e-8.
 
-    For inference on the CPU.
+    For inference.
 
     [N, C, H, W], [N, 3, C, H, W] -> [N, C, H, W], float32, contiguous.
 

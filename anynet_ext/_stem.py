@@ -23,7 +23,7 @@ def stem(
     input_scale: int = 1,
     multiple: int = 4,
 ) -> Tensor:
-    """AnyNet's first layers on 8-bit images, in one pass without intermediate tensors, for inference on the CPU.
+    """AnyNet's first layers on 8-bit images, in one pass without intermediate tensors, for inference.
 
     Both images, less `mean`, go through a 3x3 convolution, ReLU, a 3x3 convolution with stride 2, 2x2 max pooling, a
     per-channel affine, and ReLU. Before that they are upsampled (bilinear, align_corners=False) and padded at the right

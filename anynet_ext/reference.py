@@ -126,6 +126,20 @@ def conv3x3(
 conv3x3x3 = conv3x3
 
 
+def conv_pair(
+    input: Tensor,
+    weight_first: Tensor,
+    bias_first: Tensor | None,
+    weight_second: Tensor,
+    bias_second: Tensor | None = None,
+    *,
+    relu_out: bool = False,
+) -> Tensor:
+    """relu_out( second( relu( first(input) ) ) )"""
+    between = conv3x3(input, weight_first, bias_first, relu_out=True)
+    return conv3x3(between, weight_second, bias_second, relu_out=relu_out)
+
+
 def resize(
     input: Tensor,
     size: tuple[int, int],
@@ -171,14 +185,22 @@ def stem(
 
 
 def upsample_sum(
-    maps: Sequence[Tensor], ratios: Sequence[int], height: int, width: int, *, gain: float = 1.0
+    maps: Sequence[Tensor],
+    ratios: Sequence[int],
+    height: int,
+    width: int,
+    *,
+    gains: Sequence[float] = (),
+    side: float = 0.0,
 ) -> Tensor:
-    """gain * sum_i bilinear(maps[i]), cropped to height x width"""
+    """sum_i gains[i] * bilinear(maps[i]), cropped to height x width; the last map is smoothed first"""
+    axis = maps[0].new_tensor([side, 1 - 2 * side, side])
+    smooth = F.conv2d(F.pad(maps[-1][None, None], (1, 1, 1, 1), mode="replicate"), torch.outer(axis, axis)[None, None])
     upsampled = [
-        F.interpolate(m[None, None], scale_factor=ratio, mode="bilinear")[0, 0, :height, :width]
-        for m, ratio in zip(maps, ratios, strict=True)
+        gain * F.interpolate(m[None, None], scale_factor=ratio, mode="bilinear")[0, 0, :height, :width]
+        for m, ratio, gain in zip([*maps[:-1], smooth[0, 0]], ratios, gains or [1.0] * len(maps), strict=True)
     ]
-    return gain * torch.stack(upsampled).sum(0)
+    return torch.stack(upsampled).sum(0)
 
 
 def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:

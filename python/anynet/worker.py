@@ -14,17 +14,16 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 from weakref import WeakSet, finalize
 
-import numpy as np
-from numpy.typing import NDArray
+import torch
+from torch import Tensor
 
 from anynet.errors import AnyNetError
-from anynet.frame import check_images
+from anynet.frame import Image, check_images
 from anynet.predictor import Estimate, Predictor
 from anynet.scheduler import Latency
 
 if TYPE_CHECKING:
     from anynet.camera import ShiftedPredictor
-_Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
@@ -49,6 +48,25 @@ class _Frame:
     submitted: float
 
 
+class _Copies:
+    """The images as they were: of tensors on a GPU, the copy is made when all work before it is done."""
+
+    def __init__(self, left: Image, right: Image) -> None:
+        self.images = _copy(left), _copy(right)
+        on_gpu = isinstance(left, Tensor) and left.is_cuda
+        self._made = torch.cuda.current_stream(left.device).record_event() if on_gpu else None
+
+    def wait(self) -> None:
+        """Has this thread's stream wait until they are there."""
+        left = self.images[0]
+        if self._made is not None and isinstance(left, Tensor):
+            torch.cuda.current_stream(left.device).wait_event(self._made)
+
+
+def _copy(image: Image) -> Image:
+    return image.clone() if isinstance(image, Tensor) else image.copy()
+
+
 class Worker:
     """Computes the newest frame, stage by stage, on a thread of its own. Only `result` and `close` wait for it.
 
@@ -61,6 +79,7 @@ class Worker:
         stage: the last stage to compute (default: all of them).
         preempt: what becomes of the running frame when a newer one is submitted. True: it ends with its first
             estimate, so that every frame begun gives a result, and the newest waits no longer. False: it is finished.
+        confidence, left_right: also how far to trust every pixel; as of `Predictor.stages`.
 
     Raises:
         AnyNetError: if an option is not that.
@@ -73,6 +92,8 @@ class Worker:
         budget_ms: float | None = None,
         stage: int | None = None,
         preempt: bool = True,
+        confidence: bool = False,
+        left_right: bool = False,
     ) -> None:
         if budget_ms is not None and (
             isinstance(budget_ms, bool) or not isinstance(budget_ms, Real) or not budget_ms >= 0
@@ -83,22 +104,26 @@ class Worker:
             isinstance(stage, bool) or not isinstance(stage, Integral) or not 1 <= stage <= (stages or stage)
         ):
             raise AnyNetError(f"Worker: expected stage from 1 to {stages or 'the last'}, got {stage!r}")
-        if not isinstance(preempt, bool):
-            raise AnyNetError(f"Worker: expected preempt as True or False, got {preempt!r}")
+        for name, value in (("preempt", preempt), ("confidence", confidence), ("left_right", left_right)):
+            if not isinstance(value, bool):
+                raise AnyNetError(f"Worker: expected {name} as True or False, got {value!r}")
+        if left_right and not confidence:
+            raise AnyNetError("Worker: expected left_right together with confidence")
         # The thread knows this part alone: it ends when the worker itself is forgotten.
         self._loop = _Loop(
             predictor,
             math.inf if budget_ms is None else float(budget_ms),
             math.inf if stage is None else int(stage),
             preempt,
+            {"confidence": True, "left_right": left_right} if confidence else {},
         )
         finalize(self, self._loop.stop).atexit = False
 
-    def submit(self, left: NDArray[np.uint8], right: NDArray[np.uint8], stamp: Any = None) -> int:
+    def submit(self, left: Image, right: Image, stamp: Any = None) -> int:
         """Hands over a frame, in place of one that waits and was not begun; the images are copied.
 
         Args:
-            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size.
+            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size: what the predictor takes.
             stamp: anything; comes back with the estimates.
 
         Returns:
@@ -109,8 +134,8 @@ class Worker:
                 frame tries again).
         """
         now = perf_counter()
-        check_images(left, right)
-        return self._loop.submit((left.copy(), right.copy()), stamp, now)
+        check_images(left, right, getattr(self._loop.predictor, "device", None))
+        return self._loop.submit(_Copies(left, right), stamp, now)
 
     def latest(self) -> Latest | None:
         """The best estimate so far of the newest frame that has one; None before the first.
@@ -159,11 +184,19 @@ class Worker:
 class _Loop:
     """What the thread and its worker share."""
 
-    def __init__(self, predictor: Predictor | ShiftedPredictor, budget_ms: float, stage: float, preempt: bool) -> None:
-        self._predictor = predictor
+    def __init__(
+        self,
+        predictor: Predictor | ShiftedPredictor,
+        budget_ms: float,
+        stage: float,
+        preempt: bool,
+        asked: dict[str, Any],
+    ) -> None:
+        self.predictor = predictor
         self._budget_ms = budget_ms
         self._stage = stage
         self._preempt = preempt
+        self._asked = asked  # of every estimate beside the disparity; stand-ins take none
         self._submitted = 0
         self._closed = False
         self.start_afresh()
@@ -173,7 +206,7 @@ class _Loop:
         # Of the kind that one thread may take twice: the collector may call `stop` wherever the thread is.
         self._changed = threading.Condition(threading.RLock())
         self._thread: threading.Thread | None = None
-        self._waiting: tuple[_Frame, _Images] | None = None
+        self._waiting: tuple[_Frame, _Copies] | None = None
         self._cancelled = 0  # frames up to this number are not to be worked on
         self._latest: tuple[_Frame, Estimate] | None = None
         self._ended: tuple[_Frame, Estimate] | None = None
@@ -181,7 +214,7 @@ class _Loop:
         self._shape: tuple[int, ...] = ()
         self._latencies: defaultdict[int, Latency] = defaultdict(Latency)
 
-    def submit(self, images: _Images, stamp: Any, now: float) -> int:
+    def submit(self, images: _Copies, stamp: Any, now: float) -> int:
         with self._changed:
             if self._closed:
                 raise AnyNetError("Worker: submit after close")
@@ -254,11 +287,13 @@ class _Loop:
                 self._changed.notify_all()
         return True
 
-    def _compute(self, frame: _Frame, images: _Images) -> None:
+    def _compute(self, frame: _Frame, copies: _Copies) -> None:
+        images = copies.images
         if images[0].shape != self._shape:  # what was learned holds for one size
             self._shape, self._latencies = images[0].shape, defaultdict(Latency)
+        copies.wait()
         begin = start = perf_counter()
-        for estimate in self._predictor.stages(*images):
+        for estimate in self.predictor.stages(*images, **self._asked):
             end = perf_counter()
             self._latencies[estimate.stage].measured(end - begin)
             begin = end

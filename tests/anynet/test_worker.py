@@ -250,6 +250,20 @@ def test_a_budget_ends_frames_in_time() -> None:
         assert latest.stage == 1
 
 
+@pytest.mark.parametrize("asked", [{}, {"confidence": True}, {"confidence": True, "left_right": True}])
+def test_confidence_is_the_predictors(predictor: Predictor, asked: dict[str, bool]) -> None:
+    left, right = np.random.default_rng(0).integers(0, 256, (2, 32, 48, 3), dtype=np.uint8)
+    with Worker(predictor, **asked) as worker:
+        worker.submit(left, right)
+        latest = worker.result(60)
+    assert latest is not None
+    expected = predictor.predict(left, right, **asked)
+    assert (latest.confidence is None) == (latest.occluded is None) == (not asked)
+    if asked:
+        np.testing.assert_array_equal(latest.confidence, expected.confidence)
+        np.testing.assert_array_equal(latest.occluded, expected.occluded)
+
+
 def test_result_gives_each_frame_once(worker: Worker, stepper: Stepper) -> None:
     assert worker.result(0.01) is None
     stepper.step(4)
@@ -282,6 +296,9 @@ def test_result_gives_each_frame_once(worker: Worker, stepper: Stepper) -> None:
         ({"stage": 0}, "expected stage from 1 to 4, got 0"),
         ({"stage": 5}, "expected stage from 1 to 4, got 5"),
         ({"preempt": "no"}, "expected preempt as True or False, got 'no'"),
+        ({"confidence": 1}, "expected confidence as True or False, got 1"),
+        ({"confidence": True, "left_right": None}, "expected left_right as True or False, got None"),
+        ({"left_right": True}, "expected left_right together with confidence"),
     ],
 )
 def test_options_that_cannot_be(predictor: Predictor, options: dict[str, object], message: str) -> None:

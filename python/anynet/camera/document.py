@@ -77,7 +77,7 @@ def _parse(text: str) -> tuple[str, Tree]:
     signs = [match.group(2) for line in lines if (match := _FIELD.match(line))]
     if signs and signs.count("=") * 2 > len(signs):
         return "ini", _sections(lines)
-    if lines and re.match(r"(P|S|K|R|D|T)(_rect)?_?\d+[ \t]*:|calib_time", _first_line(lines)):
+    if lines and re.match(r"(P|S|K|R|D|T)(_rect)?_?\d+(_roi)?[ \t]*:|calib_time", _first_line(lines)):
         return "lines", dict(_named(lines))
     return "yaml", _first(yaml_documents(stripped))
 

@@ -95,7 +95,8 @@ class PairPreparation:
     ) -> None:
         rig = cameras if isinstance(cameras, StereoRig) else None if cameras is None else cameras.rig
         if raw and rig is None:
-            raise AnyNetError("expected a calibration of raw cameras to rectify with (--raw), got none")
+            origin = f" ({cameras.origin})" if isinstance(cameras, Calibration) and cameras.origin else ""
+            raise AnyNetError(f"expected a calibration of raw cameras to rectify with (--raw), got none{origin}")
         self._cameras = rig if raw else cameras
         self._raw = isinstance(self._cameras, StereoRig) and raw is not False
         self._alpha = alpha

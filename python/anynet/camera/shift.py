@@ -21,8 +21,7 @@ from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
     from anynet import AnyNetConfig, Estimate, Predictor
-
-Image = npt.NDArray[np.uint8]
+    from anynet.frame import Image
 
 _MARGIN = 16  # columns more than the matched corners need: they are few
 _LARGEST = 100_000
@@ -53,9 +52,9 @@ class ShiftedPredictor:
         self, left: Image, right: Image, *, confidence: bool = False, left_right: bool = False
     ) -> Iterator[Estimate]:
         """As `Predictor.stages`."""
-        moved = self._moved(left, right)
+        moved = moved_apart(left, right, self.min_disparity)
         for estimate in self.predictor.stages(*moved, confidence=confidence, left_right=left_right):
-            yield self._back(estimate, left)
+            yield moved_back(estimate, self.min_disparity, left)
 
     def predict(
         self,
@@ -68,33 +67,44 @@ class ShiftedPredictor:
         left_right: bool = False,
     ) -> Estimate:
         """As `Predictor.predict`."""
-        moved = self._moved(left, right)
+        moved = moved_apart(left, right, self.min_disparity)
         estimate = self.predictor.predict(*moved, budget_ms, stage, confidence=confidence, left_right=left_right)
-        return self._back(estimate, left)
+        return moved_back(estimate, self.min_disparity, left)
 
-    def _moved(self, left: Image, right: Image) -> tuple[Image, Image]:
-        columns = self.min_disparity
-        if columns < 0:  # more columns at the left image's left, and at the right image's right
-            extra = ((0, 0), (-columns, 0), (0, 0)), ((0, 0), (0, -columns), (0, 0))
-            return np.pad(left, extra[0], "edge"), np.pad(right, extra[1], "edge")
-        if columns >= left.shape[1]:
-            raise AnyNetError(f"expected min_disparity below the width of {left.shape[1]} pixels, got {columns}")
-        return left[:, columns:], right[:, : right.shape[1] - columns]
 
-    def _back(self, estimate: Estimate, left: Image) -> Estimate:
-        columns = self.min_disparity
-        seen, inner = (slice(max(0, columns), None), slice(max(0, -columns), None))
+def moved_apart(left: Image, right: Image, columns: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """The pair [H, W, 3] with disparities that many pixels smaller; below 0, larger.
 
-        def whole(values: npt.NDArray[Any], unknown: object) -> npt.NDArray[Any]:
-            out = np.full(left.shape[:2], unknown, values.dtype)
-            out[:, seen] = values[:, inner]
-            return out
+    Raises:
+        AnyNetError: if nothing would be left, or the images are not arrays.
+    """
+    for image in (left, right):
+        if not isinstance(image, np.ndarray):
+            raise AnyNetError(f"min_disparity: expected images as arrays, got {type(image).__name__}")
+    assert isinstance(left, np.ndarray)
+    assert isinstance(right, np.ndarray)
+    if columns < 0:  # more columns at the left image's left, and at the right image's right
+        extra = ((0, 0), (-columns, 0), (0, 0)), ((0, 0), (0, -columns), (0, 0))
+        return np.pad(left, extra[0], "edge"), np.pad(right, extra[1], "edge")
+    if columns >= left.shape[1]:
+        raise AnyNetError(f"expected min_disparity below the width of {left.shape[1]} pixels, got {columns}")
+    return left[:, columns:], right[:, : right.shape[1] - columns]
 
-        disparity = whole(estimate.disparity + np.float32(columns), np.nan)
-        if estimate.confidence is None or estimate.occluded is None:
-            return replace(estimate, disparity=disparity)
-        confidence, occluded = whole(estimate.confidence, 0), whole(estimate.occluded, True)
-        return replace(estimate, disparity=disparity, confidence=confidence, occluded=occluded)
+
+def moved_back(estimate: Estimate, columns: int, left: Image) -> Estimate:
+    """What an estimate on the pair moved apart says of the pair, whose left image is given."""
+    seen, inner = (slice(max(0, columns), None), slice(max(0, -columns), None))
+
+    def whole(values: npt.NDArray[Any], unknown: object) -> npt.NDArray[Any]:
+        out = np.full(left.shape[:2], unknown, values.dtype)
+        out[:, seen] = values[:, inner]
+        return out
+
+    disparity = whole(estimate.disparity + np.float32(columns), np.nan)
+    if estimate.confidence is None or estimate.occluded is None:
+        return replace(estimate, disparity=disparity)
+    confidence, occluded = whole(estimate.confidence, 0), whole(estimate.occluded, True)
+    return replace(estimate, disparity=disparity, confidence=confidence, occluded=occluded)
 
 
 def min_disparity(calibration: Calibration | None, matches: Matches) -> int:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
@@ -13,18 +11,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from anynet.cli.sources import Size, Slop, Topic, Topics, open_source, size_of
+from anynet.cli.stopping import stopping
+from anynet.cli.told import tell, tell_warnings
 from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
     from anynet.camera.boards import Image, View
     from anynet.camera.calibrate import BoardCalibration
+    from anynet.streams import Frame, Source
 
-_VIDEOS = {".mp4", ".avi", ".mov", ".mkv", ".webm", ".mpg", ".mpeg", ".m4v"}
 _STEP = 10  # frames of a video from one look to the next
 _MOVED = 0.04  # of the image's width that the board moves from one view of a video to another
 _LINES = 20  # epipolar lines in the picture
-
-Frames = Iterator["tuple[str, Image, Image]"]
 
 
 class Model(str, Enum):
@@ -39,12 +38,15 @@ def calibrate(
     left: Annotated[
         str,
         typer.Argument(
-            metavar="LEFT", help="Images of the left camera: folder, quoted pattern, video, or number of a camera."
+            metavar="LEFT",
+            help="Images of the left camera: folder, pattern, video, camera, recording, as of `anynet stream`.",
         ),
     ],
     right: Annotated[
         str | None,
-        typer.Argument(metavar="RIGHT", help="Those of the right one; none with --split.", show_default=False),
+        typer.Argument(
+            metavar="RIGHT", help="Those of the right one; none with --split and of recordings.", show_default=False
+        ),
     ] = None,
     board: Annotated[
         str, typer.Option(help="Inner corners of the chessboard, or squares of the ChArUco board: COLUMNSxROWS.")
@@ -58,6 +60,10 @@ def calibrate(
     split: Annotated[
         bool, typer.Option("--split", help="Each image has both views side by side, the left one first.")
     ] = False,
+    size: Size = None,
+    topics: Topics = None,
+    topic: Topic = None,
+    slop: Slop = 0.01,
     views: Annotated[int, typer.Option(min=5, max=500, help="Stop a video or camera after so many views.")] = 40,
     out: Annotated[Path, typer.Option(help="The calibration; the picture gets its name and _epipolar.png.")] = Path(
         "stereo.yaml"
@@ -67,45 +73,50 @@ def calibrate(
     """Calibrate two cameras with pictures of a board, for --calib.
 
     Hold the board near and far, tilted, and into every corner of both images: 20 views are good. Views that do not fit
-    are left out. Writes one YAML with the raw and the rectified cameras, and a rectified pair with epipolar lines.
+    are left out. Of a camera, Ctrl-C ends the looking. Writes one YAML with the raw and the rectified cameras, and a
+    rectified pair with epipolar lines.
     """
     from anynet.camera.boards import Board, find_view
     from anynet.camera.calibrate import calibrate as solve
     from anynet.camera.write import write_rig
     from anynet.io import write_image
+    from anynet.streams import ImageFiles
 
-    if (right is None) != split:
-        raise AnyNetError("expected LEFT and RIGHT, or one source and --split")
     columns, _, rows = board.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and len(board) < 12):
         raise AnyNetError(f"expected --board COLUMNSxROWS such as 9x6, got {board}")
     target = Board(int(columns), int(rows), square, charuco, dictionary)
 
+    named = (topics or ()) if topic is None else (topic,)
+    source = open_source(left, right, split=split, size=size_of(size), topics=named, slop=slop)
+    tell_warnings(source.warnings)
+    moving = not isinstance(source, ImageFiles)
     found: list[View] = []
     left_out: list[tuple[str, str]] = []
-    size: tuple[int, int] | None = None
+    here: tuple[int, int] | None = None
     shown: tuple[Image, Image] | None = None
-    moving = _is_moving(left)
-    with Console(stderr=True).status("looking for the board"):
-        for name, first, second in _frames(left, right):
-            here = first.shape[1], first.shape[0]
-            if size is not None and here != size:
+    # Ctrl-C: the user has shown enough.
+    with source, stopping(source.close), Console(stderr=True).status("looking for the board") as status:
+        for frame in _frames(source):
+            now = frame.left.shape[1], frame.left.shape[0]
+            if here is not None and now != here:
                 raise AnyNetError(
-                    f"{name}: expected images of one size, {size[0]} x {size[1]}, got {here[0]} x {here[1]}"
+                    f"{frame.name}: expected images of one size, {here[0]} x {here[1]}, got {now[0]} x {now[1]}"
                 )
-            size = here
-            view = find_view(target, name, first, second)
+            here = now
+            view = find_view(target, frame.name, frame.left, frame.right)
             if isinstance(view, str):
                 if not moving:
-                    left_out.append((name, view))
-            elif not moving or all(view.differs(other, _MOVED * size[0]) for other in found):
+                    left_out.append((frame.name, view))
+            elif not moving or all(view.differs(other, _MOVED * now[0]) for other in found):
                 found.append(view)
-                shown = first, second
+                shown = frame.left, frame.right
+                status.update(f"{len(found)} views; looking for the board")
                 if moving and len(found) == views:
                     break
-    if size is None or shown is None:
+    if here is None or shown is None:
         raise AnyNetError(f"no board of {board} ({'ChArUco' if charuco else 'chessboard'}) found in {left}")
-    result = solve(found, size, model.value)
+    result = solve(found, here, model.value)
     left_out += result.left_out
     write_rig(
         out, result.rig,
@@ -116,66 +127,14 @@ def calibrate(
     _print(result, left_out, [out, picture], as_json)
 
 
-def _is_moving(source: str) -> bool:
-    return source.isdecimal() or Path(source).suffix.lower() in _VIDEOS
+def _frames(source: Source) -> Iterator[Frame]:
+    """Every frame of images and live cameras, one in some of recordings."""
+    from anynet.streams import ImageFiles
 
-
-def _frames(left: str, right: str | None) -> Frames:
-    """Name, left and right image of every pair."""
-    from anynet.cli.pairs import find_pairs
-    from anynet.io import read_image, read_pair
-    from anynet.streams.source import halves
-
-    if _is_moving(left):
-        yield from _filmed(left, right)
-    elif right is not None:
-        pairs, alone = find_pairs(left, right)
-        for path in alone:
-            print(f"anynet: {path}: no image of this name in the other folder", file=sys.stderr)
-        for pair in pairs:
-            yield pair.name, *read_pair(pair.left, pair.right)
-    else:
-        pairs, _ = find_pairs(left, left)
-        for pair in pairs:
-            yield pair.name, *halves(read_image(pair.left), pair.name)
-
-
-def _filmed(left: str, right: str | None) -> Frames:
-    """Frames of videos or cameras: of a video one in some, of a camera all that arrive, until Ctrl-C."""
-    import cv2
-
-    from anynet.streams.source import halves
-
-    sources = [left] if right is None else [left, right]
-    captures = []
-    try:
-        for source in sources:
-            captures.append(cv2.VideoCapture(int(source) if source.isdecimal() else source))
-            if not captures[-1].isOpened():
-                what = (
-                    "no such camera"
-                    if source.isdecimal()
-                    else os.strerror(2)
-                    if not Path(source).exists()
-                    else "no video"
-                )
-                raise AnyNetError(f"cannot read {source}: {what}")
-        number = 0
-        while True:
-            try:
-                if not all([capture.grab() for capture in captures]):
-                    return
-                number += 1
-                if not left.isdecimal() and (number - 1) % _STEP:
-                    continue
-                images = [cv2.cvtColor(capture.retrieve()[1], cv2.COLOR_BGR2RGB) for capture in captures]
-            except KeyboardInterrupt:
-                return  # the user has shown enough
-            name = f"frame {number}"
-            yield name, *(halves(images[0], name) if right is None else (images[0], images[1]))  # type: ignore[arg-type]
-    finally:
-        for capture in captures:
-            capture.release()
+    step = 1 if source.live or isinstance(source, ImageFiles) else _STEP
+    for number, frame in enumerate(source.frames()):
+        if number % step == 0:
+            yield frame
 
 
 def _epipolar(left: Image, right: Image) -> Image:
@@ -192,7 +151,7 @@ def _epipolar(left: Image, right: Image) -> Image:
 
 def _print(result: BoardCalibration, left_out: list[tuple[str, str]], files: list[Path], as_json: bool) -> None:
     for name, why in left_out:
-        print(f"anynet: {name}: left out: {why}", file=sys.stderr)
+        tell(f"{name}: left out: {why}")
     calibration = result.rectification.calibration
     if as_json:
         report = {

@@ -16,6 +16,7 @@ from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
     from anynet.camera import Calibration, PairPreparation, StereoRig
+    from anynet.streams import Source
 
 
 class CameraPair(str, Enum):
@@ -136,6 +137,10 @@ class CameraOptions:
         if missing:
             raise AnyNetError(f"the calibration lacks {' and '.join(missing)}")
         return Calibration(**numbers, origin="options")
+
+    def of_source(self, named: Path, source: Source) -> Calibration | StereoRig | None:
+        """The calibration for a source of frames, of that name; its own, if the options give none."""
+        return self.read(named, source.size if self.calib else None) or source.calibration
 
     def preparation(self, cameras: Calibration | StereoRig | None, input_scale: float | None) -> PairPreparation:
         """What is done to every pair of these cameras."""

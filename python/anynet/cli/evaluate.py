@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import json
+import warnings
 from enum import Enum
 from itertools import count
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
+from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
+from anynet.cli.device import Device
 from anynet.cli.told import telling_warnings
 from anynet.cli.trust import LeftRight
 from anynet.errors import AnyNetError
 from anynet.scheduler import MAX_THREADS
+
+if TYPE_CHECKING:
+    from anynet.camera import PairPreparation
+    from anynet.samples import Dataset
 
 
 class OpenCV(str, Enum):
@@ -33,6 +40,7 @@ class Region(str, Enum):
     background = "background"
 
 
+@with_cameras
 @telling_warnings
 def evaluate(
     data: Annotated[
@@ -60,6 +68,7 @@ def evaluate(
         bool, typer.Option("--confidence", help="How good the confidences are, instead of the disparities.")
     ] = False,
     left_right: LeftRight = False,
+    cameras: CameraOptions = UNKNOWN,
     perturb: Annotated[
         list[str] | None,
         typer.Option(
@@ -70,6 +79,7 @@ def evaluate(
     splits: Annotated[
         bool, typer.Option("--splits", help="Each weights on its own data, in order: mean and deviation of the splits.")
     ] = False,
+    device: Device = "cpu",
     threads: Annotated[
         int | None, typer.Option(help="CPU threads. Default: PyTorch's.", min=1, max=MAX_THREADS)
     ] = None,
@@ -77,7 +87,11 @@ def evaluate(
         Path | None, typer.Option(help="Folder for results.md, results.json and a figure per method and data set.")
     ] = None,
 ) -> None:
-    """Measure error and time, stage by stage."""
+    """Measure error and time, stage by stage.
+
+    Pairs are rectified and checked as by `predict`, which is no part of the times. The truth of raw images is taken to
+    be that of the rectified left view.
+    """
     import cv2
 
     from anynet.baselines import BaselineConfig, BaselineModel, BaselinePredictor
@@ -85,6 +99,7 @@ def evaluate(
     from anynet.evaluation import opencv, perturbed, report
     from anynet.evaluation.evaluate import Method, compare
     from anynet.evaluation.methods import open_method
+    from anynet.evaluation.prepared import prepared
     from anynet.io import write_image
     from anynet.io.files import make_folder, write_atomically
 
@@ -99,11 +114,15 @@ def evaluate(
         if model or method or splits or perturb:
             raise AnyNetError("--confidence excludes --model, --method, --perturb and --splits")
         regions = [choice.value for choice in region or [Region.all]]
-        print(_confidence(data, weights or ["default"], regions, threads, input_scale, left_right, out), end="")
+        prepare, origin = _preparation(cameras, open_dataset(data[0]), input_scale)
+        text = _confidence(
+            data, weights or ["default"], regions, device, threads, input_scale, left_right, prepare, out
+        )
+        print(text + origin, end="")
         return
     methods: list[tuple[str, Method]] = []
     for name in weights or ([] if method or model else ["default"]):
-        methods.append((name, open_method(name, threads=threads, input_scale=input_scale)))
+        methods.append((name, open_method(name, device=device, threads=threads, input_scale=input_scale)))
     for name in model or []:
         random = BaselineModel(BaselineConfig(model=name, input_scale=input_scale or 1))
         methods.append((f"{name}, random weights", BaselinePredictor(random, threads=threads).stages))
@@ -113,6 +132,7 @@ def evaluate(
     for spec, dataset in zip(data, datasets, strict=True):
         if not len(dataset):
             raise AnyNetError(f"data set {spec!r}: expected at least one sample, got none")
+    prepare, origin = _preparation(cameras, datasets[0], input_scale)
     regions = [choice.value for choice in region or [Region.all]]
     if splits and (len(methods) != len(data) or len(regions) > 1):
         raise AnyNetError(
@@ -131,11 +151,14 @@ def evaluate(
         tables: dict[str, report.Results] = {perturbed.CLEAN: {}, **{name: {} for name in perturbations}}
         for spec, samples in named:
             for kind, table in tables.items():
-                with progress.status(f"{kind}: {', '.join(dict(methods))} on {spec}"):
-                    changed = samples if kind == perturbed.CLEAN else perturbed.Perturbed(samples, kind)
-                    for (name, where), evaluation in compare(dict(methods), changed, regions).items():
+                clean = kind == perturbed.CLEAN
+                changed = samples if clean else perturbed.Perturbed(samples, kind)
+                with progress.status(f"{kind}: {', '.join(dict(methods))} on {spec}"), warnings.catch_warnings():
+                    if not clean:
+                        warnings.simplefilter("ignore")  # what was done to the images is known
+                    for (name, where), evaluation in compare(dict(methods), changed, regions, prepare=prepare).items():
                         table[name, spec, where] = evaluation
-        text = perturbed.markdown(tables)
+        text = perturbed.markdown(tables) + origin
         if out is not None:
             write_atomically(out / "results.md", text.encode())
             values = {kind: report.to_json(table) for kind, table in tables.items()}
@@ -149,25 +172,41 @@ def evaluate(
             for run in runs.values():
                 for _ in run(samples[0].left, samples[0].right):
                     pass  # a first time, which pays for the memory
-            for (name, where), evaluation in compare(runs, samples, regions).items():
+            for (name, where), evaluation in compare(runs, samples, regions, prepare=prepare).items():
                 results[name, spec, where] = evaluation
         if out is not None:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # it was told
+                (pair,) = prepared(samples[:1], prepare)
             for run in runs.values():
-                write_image(out / f"{next(numbers)}.png", report.figure(run, samples[0]))
-    text = report.splits_markdown(list(results.values())) if splits else report.markdown(results)
+                write_image(out / f"{next(numbers)}.png", report.figure(pair.method(run), pair.sample))
+    text = (report.splits_markdown(list(results.values())) if splits else report.markdown(results)) + origin
     if out is not None:
         write_atomically(out / "results.md", text.encode())
         write_atomically(out / "results.json", json.dumps(report.to_json(results), indent=2).encode())
     print(text, end="")
 
 
+def _preparation(cameras: CameraOptions, samples: Dataset, input_scale: float | None) -> tuple[PairPreparation, str]:
+    """What is done to the pairs, and what is said of their calibration."""
+    size = None
+    if cameras.calib and len(samples):
+        height, width = samples[0].left.shape[:2]
+        size = width, height
+    calibration = cameras.read(size=size)
+    origin = "" if calibration is None or not calibration.origin else f"\nCalibration: {calibration.origin}.\n"
+    return cameras.preparation(calibration, input_scale), origin
+
+
 def _confidence(
     data: list[str],
     weights: list[str],
     regions: list[str],
+    device: str,
     threads: int | None,
     input_scale: float | None,
     left_right: bool,
+    prepare: PairPreparation,
     out: Path | None,
 ) -> str:
     from anynet import Predictor
@@ -176,12 +215,12 @@ def _confidence(
     from anynet.io.files import make_folder, write_atomically
 
     results = {}
-    predictors = {name: Predictor(name, threads=threads, input_scale=input_scale) for name in weights}
+    predictors = {name: Predictor(name, device=device, threads=threads, input_scale=input_scale) for name in weights}
     for spec in data:
         samples = open_dataset(spec)
         for name, predictor in predictors.items():
             for region in regions:
-                scores = evaluate_confidence(predictor, samples, region, left_right=left_right)
+                scores = evaluate_confidence(predictor, samples, region, left_right=left_right, prepare=prepare)
                 results[name, spec, region] = scores
     text = markdown(results)
     if out is not None:

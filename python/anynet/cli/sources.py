@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 import stat
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from anynet.cli.pairs import find_pairs
 from anynet.errors import AnyNetError
@@ -14,6 +17,19 @@ from anynet.io.images import endings
 
 if TYPE_CHECKING:
     from anynet.streams import Source
+
+Split = Annotated[bool, typer.Option("--split", help="SOURCE has both images side by side, left first.")]
+Rate = Annotated[
+    float | None,
+    typer.Option(help="Frames per second: of images (10), of a recording in place of its own, asked of a camera."),
+]
+Size = Annotated[str | None, typer.Option(help="Image size that is asked of a camera, such as 1280x720.")]
+Topics = Annotated[
+    tuple[str, str] | None, typer.Option(help="Of a recording: left and right.", show_default="found by names")
+]
+Topic = Annotated[str | None, typer.Option(help="Of a recording with --split.", show_default="found")]
+Slop = Annotated[float, typer.Option(min=0, help="Seconds that left and right images of a recording may be apart.")]
+Reconnect = Annotated[float, typer.Option(min=0, help="Seconds to go on trying to open a live source that stopped.")]
 
 _BAGS = {".bag", ".mcap", ".db3"}
 _FORMAT = "expected a size like 1280x720"
@@ -80,7 +96,7 @@ def size_of(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
     width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal() and 0 < int(width) < 10**5 and 0 < int(height) < 10**5):
+    if not all(re.fullmatch("[1-9][0-9]{0,4}", side) for side in (width, height)):
         raise AnyNetError(f"{_FORMAT}, got {text}")
     return int(width), int(height)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import warnings
 from collections import deque
 from collections.abc import Iterator
@@ -15,13 +14,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.results import DepthFormat, Format, Writer
-from anynet.cli.sources import open_source, size_of
+from anynet.cli.device import Device
+from anynet.cli.results import DepthFormat, Format, Writer, file_ids
+from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source, size_of
 from anynet.cli.stopping import stopping
-from anynet.cli.told import collected_warnings, tell
-from anynet.cli.trust import MaxDepth
+from anynet.cli.told import collected_warnings, tell_warnings
+from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
+from anynet.cli.view import show
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
+from anynet.trust import Trust
 
 if TYPE_CHECKING:
     from anynet.streams import Result, Sink, Stream
@@ -55,26 +57,17 @@ def stream(
         typer.Option(help="Record ROS messages: FILE.mcap, FILE.bag (ROS 1), or FOLDER (ROS 2 bag); repeatable."),
     ] = None,
     video: Annotated[Path | None, typer.Option(help="Video of images and disparities in colors, FILE.mp4.")] = None,
-    split: Annotated[bool, typer.Option("--split", help="SOURCE has both images side by side, left first.")] = False,
-    rate: Annotated[
-        float | None,
-        typer.Option(help="Frames per second: of images (10), of a recording in place of its own, asked of a camera."),
-    ] = None,
-    size: Annotated[str | None, typer.Option(help="Image size that is asked of a camera, such as 1280x720.")] = None,
-    topics: Annotated[
-        tuple[str, str] | None, typer.Option(help="Of a recording: left and right.", show_default="found by names")
-    ] = None,
-    topic: Annotated[str | None, typer.Option(help="Of a recording with --split.", show_default="found")] = None,
-    slop: Annotated[
-        float, typer.Option(min=0, help="Seconds that left and right images of a recording may be apart.")
-    ] = 0.01,
+    split: Split = False,
+    rate: Rate = None,
+    size: Size = None,
+    topics: Topics = None,
+    topic: Topic = None,
+    slop: Slop = 0.01,
     every_frame: Annotated[
         bool, typer.Option("--every-frame", help="Drop nothing: a recording waits for its results.")
     ] = False,
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many results.")] = None,
-    reconnect: Annotated[
-        float, typer.Option(min=0, help="Seconds to go on trying to open a live source that stopped.")
-    ] = 10.0,
+    reconnect: Reconnect = 10.0,
     weights: Annotated[
         str, typer.Option(help="A packaged name, or a path: our .safetensors, an official .tar.")
     ] = "default",
@@ -97,6 +90,14 @@ def stream(
     ] = DepthEncoding.meters,
     cameras: CameraOptions = UNKNOWN,
     max_depth: MaxDepth = None,
+    confidence: Confidence = False,
+    left_right: LeftRight = False,
+    min_confidence: MinConfidence = 0.0,
+    drop_occluded: DropOccluded = False,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the page of `anynet view` instead; its button saves into --out.")
+    ] = False,
+    device: Device = "cpu",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per frame and line, and a last one with a summary.")
@@ -107,6 +108,15 @@ def stream(
     While a frame is computed, newer ones replace each other; a frame that has its first estimate makes way for a newer
     one. Ctrl-C or SIGTERM ends the stream and completes what is written.
     """
+    if view:
+        computed = (record, video, frames, budget_ms, stage, every_frame, confidence, left_right, min_confidence,
+                    drop_occluded, as_json)  # fmt: skip
+        if any(option not in (None, False, 0.0, []) for option in computed):
+            raise AnyNetError(
+                "--view excludes --record, --video, --frames, --budget-ms, --stage, --every-frame, --json and the "
+                "options of confidence: the page has its own"
+            )
+    trust = Trust(min_confidence, drop_occluded)
     named = (topics or ()) if topic is None else (topic,)
 
     from anynet.streams import Recorder, Stream, Video
@@ -118,23 +128,26 @@ def stream(
             )
         )
         with collected_warnings() as told:
-            calibration = cameras.read(Path(source)) or opened.calibration
+            calibration = cameras.of_source(Path(source), opened)
         prepare = cameras.preparation(calibration, input_scale)
-        tell([*opened.warnings, *told])
+        tell_warnings([*opened.warnings, *told])
+        if view:
+            show(opened, prepare, weights, input_scale, device, threads, out or Path("anynet-view"), rate=rate)
+            return
 
         from anynet import Predictor  # takes seconds, so after the cheap checks
 
-        predictor = Predictor(weights, threads=threads, input_scale=input_scale)
+        predictor = Predictor(weights, device=device, threads=threads, input_scale=input_scale)
         if stage is not None and stage > predictor.config.stages:
             raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
         running = Stream(
             opened, predictor, prepare=prepare, budget_ms=budget_ms, stage=stage, rate=rate, every_frame=every_frame,
-            watch=cameras.check,
+            watch=cameras.check, confidence=confidence or left_right, left_right=left_right, trust=trust,
         )  # fmt: skip
         writer = None
         if out is not None:
             make_folder(out)
-            writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth)
+            writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth, file_ids(opened.files))
         sinks: list[Sink] = []
         for path in record or ():
             sinks.append(stack.enter_context(Recorder(path, depth_encoding.value, max_depth)))
@@ -157,9 +170,7 @@ def _run(
             report["warnings"] = list(
                 dict.fromkeys([*first, *result.warnings, *(heard.popleft() for _ in range(len(heard)))])
             )
-            for warning in report["warnings"]:
-                if warning not in told:
-                    print(f"anynet: {report['name']}: warning: {warning}", file=sys.stderr)
+            tell_warnings([warning for warning in report["warnings"] if warning not in told], report["name"])
             print(json.dumps(report) if as_json else _line(report), flush=True)
             if count == frames:
                 running.stop()
@@ -174,6 +185,7 @@ def _process(result: Result, writer: Writer | None, sinks: list[Sink]) -> dict[s
     if writer is not None:
         results = writer.of(result.frame.name)
         results.write_disparity("", estimate.disparity, limits_of(estimate.disparity))
+        results.write_trust(estimate)
         if pair.calibration is not None:
             results.write_depth(estimate.disparity, pair.calibration, pair.left)
         files = results.files

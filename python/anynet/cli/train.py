@@ -6,7 +6,6 @@ import inspect
 import json
 import os
 import shlex
-import sys
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from anynet.cli.told import tell
 from anynet.errors import AnyNetError
 from anynet.model import presets
 from anynet.model.config import AnyNetConfig
@@ -42,7 +42,7 @@ def _command(name: str, default: str, summary: str) -> Callable[..., None]:
         except KeyboardInterrupt:
             if (out / RECIPE).exists() and os.environ.get("RANK", "0") == "0":
                 resuming = f"anynet {name} --out {shlex.quote(str(out))} --resume"
-                print(f"anynet: interrupted; to go on: {resuming}", file=sys.stderr)
+                tell(f"interrupted; to go on: {resuming}")
             raise
 
     types = get_type_hints(Recipe)

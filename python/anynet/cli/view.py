@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.sources import open_source, size_of
+from anynet.cli.device import Device
+from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source, size_of
 from anynet.cli.stopping import stopping
-from anynet.cli.told import collected_warnings, tell
+from anynet.cli.told import collected_warnings, tell_warnings
 
 if TYPE_CHECKING:
     from anynet.camera import PairPreparation
@@ -24,9 +25,13 @@ Port = Annotated[int, typer.Option(min=0, max=65535, help="Of the page; the next
 def view(
     source: Annotated[str, typer.Argument(metavar="SOURCE", help="Left image, or a source as of `anynet stream`.")],
     right: Annotated[str | None, typer.Argument(metavar="[RIGHT]", help="The right images.")] = None,
-    split: Annotated[bool, typer.Option("--split", help="SOURCE has both images side by side, left first.")] = False,
-    rate: Annotated[float | None, typer.Option(help="Frames per second: of images (10), asked of a camera.")] = None,
-    size: Annotated[str | None, typer.Option(help="Image size that is asked of a camera, such as 1280x720.")] = None,
+    split: Split = False,
+    rate: Rate = None,
+    size: Size = None,
+    topics: Topics = None,
+    topic: Topic = None,
+    slop: Slop = 0.01,
+    reconnect: Reconnect = 10.0,
     weights: Annotated[str, typer.Option(help="Chosen at first: a packaged name, or a path.")] = "default",
     input_scale: Annotated[
         float | None, typer.Option(help="Chosen at first: images are resized by it.", show_default="the weights'")
@@ -35,18 +40,22 @@ def view(
     out: Annotated[Path, typer.Option(help="Folder of what the page's button saves.")] = Path("anynet-view"),
     host: Host = "127.0.0.1",
     port: Port = 8080,
+    device: Device = "cpu",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
 ) -> None:
     """A page in the browser: images, confidence and cloud, and a slider for the time that a frame may take.
 
     Needs viser: pip install 'anynet[view]'. Ctrl-C ends it.
     """
-    with open_source(source, right, split=split, rate=rate, size=size_of(size)) as opened:
+    named = (topics or ()) if topic is None else (topic,)
+    with open_source(
+        source, right, split=split, rate=rate, size=size_of(size), topics=named, slop=slop, reconnect=reconnect
+    ) as opened:
         with collected_warnings() as told:
-            calibration = cameras.read(Path(source)) or opened.calibration
+            calibration = cameras.of_source(Path(source), opened)
         prepare = cameras.preparation(calibration, input_scale)
-        tell([*opened.warnings, *told])
-        show(opened, prepare, weights, input_scale, threads, out, host, port)
+        tell_warnings([*opened.warnings, *told])
+        show(opened, prepare, weights, input_scale, device, threads, out, host, port, rate)
 
 
 def show(
@@ -54,20 +63,24 @@ def show(
     prepare: PairPreparation,
     weights: str,
     input_scale: float | None,
+    device: str,
     threads: int | None,
     out: Path,
     host: str = "127.0.0.1",
     port: int = 8080,
+    rate: float | None = None,
 ) -> None:
     """Serves the page until Ctrl-C or SIGTERM."""
     from anynet.checkpoint import PACKAGED, find_weights
+    from anynet.device import find_device
     from anynet.view import View
 
     find_weights(weights)  # a wrong name is told before the page is up
+    find_device(device)
     names = [file.stem for file in sorted(PACKAGED.glob("*.safetensors"))]
     view = View(
         source, prepare=prepare, weights=list(dict.fromkeys([weights, *names])), input_scale=input_scale,
-        threads=threads, host=host, port=port, out=out,
+        device=device, threads=threads, host=host, port=port, out=out, rate=rate,
     )  # fmt: skip
 
     with stopping(view.stop):

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Collection
 from pathlib import Path
 
-from anynet.data.files import Files, PairFiles, folder, nothing
+from anynet.data.files import Files, PairFiles, files_in, folder, nothing
 from anynet.errors import AnyNetError
 from anynet.io.disparity import FORMATS
 from anynet.io.files import read_text, telling_damage
@@ -28,12 +29,7 @@ def folders(root: str | Path, scale: str | float | None = None) -> PairFiles:
     path = folder(root, wanted)
     images = endings()
     left, right, truth = (
-        {
-            file.stem: file
-            for file in sorted((path / side).glob("*.*"))
-            if file.name[0] != "." and file.suffix.lower() in known
-        }
-        for side, known in (("left", images), ("right", images), ("disparity", FORMATS))
+        _by_stem(path / side, known) for side, known in (("left", images), ("right", images), ("disparity", FORMATS))
     )
     stems = [stem for stem in left if stem in right and stem in truth]
     if not stems:
@@ -41,6 +37,14 @@ def folders(root: str | Path, scale: str | float | None = None) -> PairFiles:
     factor = _factor(scale)
     files = [Files(name=s, left=left[s], right=right[s], disparity=truth[s], scale=factor) for s in stems]
     return PairFiles(path.name, files)
+
+
+def _by_stem(place: Path, known: Collection[str]) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for file in files_in(place, "*.*"):
+        if file.suffix.lower() in known and (other := found.setdefault(file.stem, file)) != file:
+            raise AnyNetError(f"{place}: expected one file of a name, got {other.name} and {file.name}")
+    return found
 
 
 def table(path: str | Path, scale: str | float | None = None, unit: str | None = None) -> PairFiles:

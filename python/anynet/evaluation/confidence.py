@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from anynet.camera import PairPreparation
 from anynet.evaluation.evaluate import region_mask
 from anynet.evaluation.metrics import Mask, within_d1
+from anynet.evaluation.prepared import prepared
 from anynet.predictor import Predictor
 from anynet.samples import StereoSample
 
@@ -43,20 +46,27 @@ class ConfidenceScores:
 
 
 def evaluate_confidence(
-    predictor: Predictor, samples: Sequence[StereoSample], region: str = "all", *, left_right: bool = False
+    predictor: Predictor,
+    samples: Sequence[StereoSample],
+    region: str = "all",
+    *,
+    left_right: bool = False,
+    prepare: PairPreparation | None = None,
 ) -> dict[int, ConfidenceScores]:
-    """The scores of every stage, by its number.
+    """The scores of every stage, by its number; of samples rectified and checked by `prepare`, if that is given.
 
     Raises:
-        AnyNetError: if a sample does not tell `region`.
+        AnyNetError: if a sample does not tell `region`, or is not one of `prepare`'s cameras.
     """
+    asked = partial(predictor.stages, confidence=True, left_right=left_right)
     images: dict[int, list[tuple[float, ...]]] = {}
     calibrations: dict[int, Calibration] = {}
-    for sample in samples:
-        mask = region_mask(sample, region)
+    for pair in prepared(samples, prepare):
+        sample = pair.sample
+        mask = region_mask(sample, region, pair.min_disparity)
         if not mask.any():
             continue
-        estimates = list(predictor.stages(sample.left, sample.right, confidence=True, left_right=left_right))
+        estimates = list(pair.method(asked)(sample.left, sample.right))
         for estimate in estimates:
             assert estimate.confidence is not None
             confidence = estimate.confidence[mask]

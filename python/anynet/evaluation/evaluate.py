@@ -9,8 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from anynet.camera import PairPreparation
 from anynet.errors import AnyNetError
 from anynet.evaluation.metrics import Disparity, Mask, Scores, mean, pooled, scores
+from anynet.evaluation.prepared import prepared
 from anynet.evaluation.truth import check_truth
 from anynet.predictor import Estimate
 from anynet.samples import MAX_DISPARITY, StereoSample
@@ -51,17 +53,19 @@ class Evaluation:
 
     names: tuple[str, ...]
     stages: tuple[Stage, ...]
+    min_disparity: int = 0
+    """The smallest that was looked for, of any image; smaller ones do not count."""
 
 
-def region_mask(sample: StereoSample, region: str) -> Mask:
-    """Pixels that count: known, 0 < d < 192, and in `region`.
+def region_mask(sample: StereoSample, region: str, min_disparity: float = 0.0) -> Mask:
+    """Pixels that count: known, min_disparity < d < 192, and in `region`.
 
     "all": those with known disparity; "noc": of them, those that both cameras see; "foreground", "background".
 
     Raises:
         AnyNetError: if the sample does not tell the region.
     """
-    known = sample.valid & (sample.disparity > 0) & (sample.disparity < MAX_DISPARITY)
+    known = sample.valid & (sample.disparity > min_disparity) & (sample.disparity < MAX_DISPARITY)
     regions = {
         "all": sample.valid,
         "noc": sample.noc,
@@ -77,24 +81,31 @@ def region_mask(sample: StereoSample, region: str) -> Mask:
     return mask
 
 
-def evaluate(method: Method, samples: Sequence[StereoSample], region: str = "all") -> Evaluation:
-    """Scores `method` on the whole images of `samples`.
+def evaluate(
+    method: Method, samples: Sequence[StereoSample], region: str = "all", *, prepare: PairPreparation | None = None
+) -> Evaluation:
+    """Scores `method` on the whole images of `samples`, rectified and checked by `prepare` first, if that is given.
 
     Raises:
-        AnyNetError: if there are no samples, or a sample does not tell `region`.
+        AnyNetError: if there are no samples, or a sample does not tell `region`, or is not one of `prepare`'s cameras.
     """
-    (evaluation,) = compare({"": method}, samples, [region]).values()
+    (evaluation,) = compare({"": method}, samples, [region], prepare=prepare).values()
     return evaluation
 
 
 def compare(
-    methods: Mapping[str, Method], samples: Sequence[StereoSample], regions: Sequence[str] = ("all",)
+    methods: Mapping[str, Method],
+    samples: Sequence[StereoSample],
+    regions: Sequence[str] = ("all",),
+    *,
+    prepare: PairPreparation | None = None,
 ) -> dict[tuple[str, str], Evaluation]:
     """Scores all `methods` in all `regions`, by name and region.
 
     The methods take turns, image by image, so that their times can be compared on a machine whose speed drifts.
 
-    Warns if a sample's truth looks wrong, such as in another scale.
+    Warns if a sample's truth looks wrong, such as in another scale, and of what `prepare` finds. Where that looks for
+    disparities from another one than 0 on, those count; its time does not.
 
     Raises:
         AnyNetError: if there are no samples, or a sample does not tell a region.
@@ -106,13 +117,16 @@ def compare(
         (name, region): {} for name in methods for region in regions
     }
     doubts: list[tuple[str, str]] = []
-    for sample in samples:
-        masks = {region: region_mask(sample, region) for region in regions}
+    least = 0
+    for pair in prepared(samples, prepare):
+        sample = pair.sample
+        masks = {region: region_mask(sample, region, pair.min_disparity) for region in regions}
         names.append(sample.name)
+        least = min(least, pair.min_disparity)
         for name, method in methods.items():
             # All first: scoring in between would be part of the later stages' times.
-            estimates = list(method(sample.left, sample.right))
-            if name == next(iter(methods)):
+            estimates = list(pair.method(method)(sample.left, sample.right))
+            if name == next(iter(methods)) and not pair.min_disparity:
                 doubts += [(sample.name, doubt) for doubt in check_truth(sample, estimates[-1].disparity)]
             for estimate in estimates:
                 whole = fill_holes(estimate.disparity)
@@ -124,7 +138,9 @@ def compare(
         others = f" (and {len(doubts) - 1} more)" if len(doubts) > 1 else ""
         warnings.warn(f"{doubts[0][0]}{others}: {doubts[0][1]}", stacklevel=2)
     return {
-        key: Evaluation(tuple(names), tuple(_stage(number, results) for number, results in sorted(stages.items())))
+        key: Evaluation(
+            tuple(names), tuple(_stage(number, results) for number, results in sorted(stages.items())), least
+        )
         for key, stages in by_stage.items()
     }
 

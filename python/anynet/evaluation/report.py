@@ -33,7 +33,8 @@ def markdown(results: Results) -> str:
                 + " | ".join(f"{number:.2f}" for number in numbers)
                 + f" | {stage.density:.1f} | {stage.milliseconds:.1f} |"
             )
-    lines += ["", "Mean over images unless it says pooled: over the pixels of all images together. 0 < d < 192."]
+    least = min((evaluation.min_disparity for evaluation in results.values()), default=0)
+    lines += ["", f"Mean over images unless it says pooled: over the pixels of all images together. {least} < d < 192."]
     return "\n".join(lines) + "\n"
 
 

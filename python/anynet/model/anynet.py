@@ -97,8 +97,9 @@ class AnyNet(nn.Module):
 
 def normalize(images: Tensor) -> Tensor:
     """RGB uint8 [N, 3, H, W] -> the network's input."""
-    mean, deviation = (255 * torch.tensor(values, device=images.device).view(3, 1, 1) for values in (MEAN, STD))
-    return (images - mean) / deviation
+    # Channel by channel: a tensor of constants would have the host wait for a GPU.
+    channels = zip(images.unbind(1), MEAN, STD, strict=True)
+    return torch.stack([(channel - 255 * mean) / (255 * deviation) for channel, mean, deviation in channels], 1)
 
 
 def resized(images: Tensor, scale: float) -> Tensor:

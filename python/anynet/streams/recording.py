@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anynet.errors import AnyNetError, one_line
+from anynet.io.files import check_regular
 from anynet.io.images import to_8_bits, used_bits
 from anynet.streams.ros import (
     CAMERA_INFO,
@@ -50,6 +52,9 @@ class Recording(Source):
     def __init__(self, path: str | Path, topics: Sequence[str] = (), split: bool = False, slop: float = 0.01) -> None:
         super().__init__()
         self._path = Path(path)
+        check_regular(path)
+        if not 0 <= slop < math.inf:
+            raise AnyNetError(f"expected slop of 0 seconds or more, got {slop:g}")
         self._slop = round(1e9 * slop)
         self._closed = False
         with self._opened() as reader:
@@ -70,6 +75,14 @@ class Recording(Source):
             else:
                 rectified = any("rect" in re.split(r"[/_]", topic) for topic in self.topics)
                 self.calibration = calibration if rectified else calibration.rig or calibration
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        with self._opened() as reader:
+            wanted = [connection for connection in reader.connections if connection.topic == self.topics[0]]
+            _, _, raw = next(self._told(reader.messages(connections=wanted)))
+            levels = levels_of(self._deserialized(reader, raw, wanted[0].msgtype), f"{self._path}: {self.topics[0]}")
+        return levels.shape[1] // (3 - len(self.topics)), levels.shape[0]
 
     def frames(self) -> Iterator[Frame]:
         with self._opened() as reader:
@@ -168,7 +181,7 @@ class Recording(Source):
             return named
         if not images:
             raise AnyNetError(f"{self._path}: no topic with images")
-        seen = [topic for topic in images if not re.search("depth|disparity|mask", topic)]
+        seen = [topic for topic in images if not re.search("depth|disparity|mask|confidence|occluded", topic)]
         found = [[topic] for topic in seen] if split else _pairs_of(seen)
         if len(found) > 1:  # the rectified one, in color, as few bytes as can be
             best = max(_preference(topics) for topics in found)

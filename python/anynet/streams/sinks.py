@@ -61,6 +61,8 @@ class Recorder(Sink):
     """ROS messages, with the frames' stamps and frame ids, in a file that is named when it is complete.
 
     * NAMESPACE/disparity: stereo_msgs/DisparityImage, NaN where unknown; adjusted for doffs, as its definition says
+    * of estimates with confidence: NAMESPACE/left/confidence (sensor_msgs/Image, 32FC1, 0 to 1) and
+      NAMESPACE/left/occluded (mono8, 255 where the right camera does not see the point)
     * with a calibration: NAMESPACE/left/depth (sensor_msgs/Image, 32FC1 in meters with NaN where unknown, or 16UC1 in
       millimeters with 0, as REP 118), NAMESPACE/points (PointCloud2), NAMESPACE/left/camera_info and right/camera_info
 
@@ -122,6 +124,10 @@ class Recorder(Sink):
         known = adjusted[np.isfinite(adjusted)]
         span = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
         topics = {"disparity": (DISPARITY, messages.disparity(header, adjusted, focal, baseline, *span))}
+        confidence, occluded = result.estimate.confidence, result.estimate.occluded
+        if confidence is not None and occluded is not None:
+            topics["left/confidence"] = IMAGE, messages.image(header, confidence, "32FC1")
+            topics["left/occluded"] = IMAGE, messages.image(header, np.uint8(255) * occluded, "mono8")
         if calibration is not None:
             height, width = disparity.shape
             depth = calibration.depth(disparity)

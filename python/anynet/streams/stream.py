@@ -18,6 +18,7 @@ from anynet.camera import PairPreparation, PreparedPair, RowWatch, ShiftedPredic
 from anynet.errors import AnyNetError
 from anynet.predictor import Estimate, Predictor
 from anynet.streams.source import Frame, Source
+from anynet.trust import Trust
 from anynet.worker import Worker
 
 _POLL = 0.1  # seconds until a stop is noticed
@@ -86,7 +87,8 @@ class Stream:
         source: of the frames; recordings are played at their own pace.
         predictor: computes them.
         prepare: what is known of the cameras; default: the images are a rectified pair.
-        budget_ms, stage: as for `Worker`.
+        budget_ms, stage, confidence, left_right: as for `Worker`.
+        trust: what becomes unknown for want of it; makes the confidence be computed.
         rate: frames per second at which a recording is played, in place of its own pace.
         every_frame: a recording waits until each frame has been dealt with: slower or faster, but nothing is dropped.
         watch: look at a frame now and then, whether the cameras have moved.
@@ -103,6 +105,9 @@ class Stream:
         prepare: PairPreparation | None = None,
         budget_ms: float | None = None,
         stage: int | None = None,
+        confidence: bool = False,
+        left_right: bool = False,
+        trust: Trust | None = None,
         rate: float | None = None,
         every_frame: bool = False,
         watch: bool = True,
@@ -115,12 +120,14 @@ class Stream:
         self._source = source
         self._predictor = predictor
         self._prepare = prepare or PairPreparation(check=False)
+        self._trust = trust or Trust()
         self._rate = rate
         self._every_frame = every_frame
         self._watch = RowWatch() if watch else None
         self._new_worker: Callable[[Predictor | ShiftedPredictor], Worker] = partial(
-            Worker, budget_ms=budget_ms, stage=stage, preempt=not every_frame
-        )
+            Worker, budget_ms=budget_ms, stage=stage, preempt=not every_frame,
+            confidence=confidence or self._trust.asked, left_right=left_right,
+        )  # fmt: skip
         self._new_worker(predictor).close()  # wrong options are told before the source is read
         self._worker: Worker | None = None
         self._begun = threading.Event()
@@ -166,7 +173,10 @@ class Stream:
                 continue
             ended = latest.frame
             frame, pair, arrived = latest.stamp
-            estimate = Estimate(latest.stage, pair.known(latest.disparity), latest.elapsed_ms)
+            estimate = Estimate(
+                latest.stage, pair.known(self._trust.kept(latest)), latest.elapsed_ms, confidence=latest.confidence,
+                occluded=latest.occluded,
+            )  # fmt: skip
             warnings = tuple(self._warnings.popleft() for _ in range(len(self._warnings)))
             result = Result(frame, pair, estimate, warnings)
             yield result

@@ -153,7 +153,7 @@ class _Run:
 
     def go(self) -> Path:
         recipe = self.recipe
-        loader = iter(batches(self.data, recipe, range(self.step, self.steps), self.group))
+        loader = batches(self.data, recipe, range(self.step, self.steps), self.group)
         validate_every = recipe.validate_every or self.steps
         path = self.out / LOG if self.group.is_main else None
         events = self.out / "tensorboard" if self.group.is_main and recipe.tensorboard else None

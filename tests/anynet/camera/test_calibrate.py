@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -17,6 +20,7 @@ from anynet.camera.write import write_rig
 from anynet.cli import main
 from anynet.errors import AnyNetError
 from anynet.io import read_image, write_image
+from anynet.streams import Capture
 
 from . import rendering
 
@@ -172,6 +176,82 @@ def test_rendered_chessboards(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert np.abs(view.left[:, 1] - view.right[:, 1]).mean() < 0.2
 
 
+def filmed(count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    texture, scale, _ = rendering.chessboard(9, 6, 0.025)
+    return rendering.pairs(texture, scale, np.array([texture.shape[1], texture.shape[0], 0]) / scale / 2, count)
+
+
+@pytest.mark.slow
+def test_a_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The board is held still for ten frames each time; the video is compressed."""
+    videos = [str(tmp_path / f"{side}.mp4") for side in ("left", "right")]
+    writers = [cv2.VideoWriter(name, cv2.VideoWriter.fourcc(*"mp4v"), 30, rendering.SIZE) for name in videos]
+    for pair in filmed(16):
+        for writer, image in zip(writers, pair, strict=True):
+            for _ in range(10):
+                writer.write(image[..., ::-1])
+    for writer in writers:
+        writer.release()
+    arguments = ["calibrate", *videos, "--out", str(tmp_path / "rig.yaml"), "--board", "9x6", "--square", "0.025"]
+    assert main([*arguments, "--json"]) == 0
+    check_result(json.loads(capsys.readouterr().out), 10)
+
+
+class BoardCamera:
+    """A camera that sees both sides' pictures of the board, one after the other, again and again."""
+
+    def __init__(self, pictures: list[np.ndarray], interrupted: int | None = None) -> None:
+        self.pictures, self.interrupted, self.count, self.asked = pictures, interrupted, 0, {}
+
+    def __call__(self, name: str) -> BoardCamera:
+        assert name == "0"
+        return self
+
+    def isOpened(self) -> bool:
+        return True
+
+    def grab(self) -> bool:
+        if self.count == self.interrupted:
+            os.kill(os.getpid(), signal.SIGINT)
+        self.count += 1
+        return True
+
+    def retrieve(self) -> tuple[bool, np.ndarray]:
+        return True, self.pictures[(self.count - 1) % len(self.pictures)]
+
+    def get(self, key: int) -> float:
+        return 0.0
+
+    def set(self, key: int, value: float) -> bool:
+        self.asked[key] = value
+        return True
+
+    def release(self) -> None:
+        pass
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("interrupted", [None, 14])
+def test_a_live_camera(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, interrupted: int | None
+) -> None:
+    """It ends with as many views as are asked for, or with those that there are on Ctrl-C."""
+    camera = BoardCamera([np.hstack(pair)[..., ::-1].copy() for pair in filmed(14)], interrupted)
+    monkeypatch.setattr("anynet.streams.Capture", partial(Capture, open=camera))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        arguments = ["calibrate", "0", "--split", "--size", "1280x480", "--out", str(tmp_path / "rig.yaml"), "--json"]
+        views = "500" if interrupted else "10"
+        assert main([*arguments, "--board", "9x6", "--square", "0.025", "--views", views]) == 0
+    finally:
+        signal.signal(signal.SIGINT, before)
+    report = json.loads(capsys.readouterr().out)
+    assert report["left_out"] == {} or report["views"] >= 8
+    check_result(report, 8)
+    assert camera.asked[cv2.CAP_PROP_FRAME_WIDTH] == 1280
+    assert camera.count <= 14 + 1
+
+
 @pytest.mark.slow
 def test_rendered_charuco_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
@@ -191,10 +271,10 @@ def test_rendered_charuco_side_by_side(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_mistakes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, message in (
-        (["left"], "expected LEFT and RIGHT, or one source and --split"),
+        (["left"], "left: expected RIGHT too, or --split for images side by side"),
         (["left", "right", "--board", "nine"], "expected --board COLUMNSxROWS such as 9x6, got nine"),
         (["left", "right", "--square", "25"], "is it in millimeters"),
-        (["none.mp4", "none.mp4"], "cannot read none.mp4: No such file or directory"),
+        (["none.mp4", "none.mp4"], "cannot open none.mp4: no such video"),
     ):
         assert main(["calibrate", *arguments, "--out", str(tmp_path / "rig.yaml")]) == 2
         assert message in capsys.readouterr().err

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from anynet.camera import Calibration, StereoRig, read_calibration
+from anynet.camera import Calibration, PairPreparation, StereoRig, read_calibration
 from anynet.camera.formats import FORMATS
 from anynet.errors import AnyNetError
 
@@ -427,6 +427,74 @@ def test_kitti_raw_cameras(tmp_path: Path) -> None:
     assert (calibration.size, calibration.baseline) == ((1242, 375), pytest.approx(0.53))
     assert calibration.rig is not None
     assert (calibration.rig.size, calibration.rig.baseline) == ((1392, 512), pytest.approx(0.53))
+
+
+def kitti_raw(*numbers: int) -> str:
+    return "".join(
+        f"S_0{number}: 1392 512\nK_0{number}: 960 0 696 0 957 224 0 0 1\nD_0{number}: -0.37 0.2 0.001 0.002 -0.07\n"
+        f"R_0{number}: 1 0 0 0 1 0 0 0 1\nT_0{number}: {0.53 * (2 - number)} 0 0\n"
+        for number in numbers
+    )
+
+
+def test_kitti_without_rectified_images(tmp_path: Path) -> None:
+    rig = read_calibration(
+        write(tmp_path, "calib_cam_to_cam.txt", "calib_time: today\ncorner_dist: 0.1\n" + kitti_raw(2, 3))
+    )
+    assert isinstance(rig, StereoRig)
+    assert (rig.size, rig.baseline) == ((1392, 512), pytest.approx(0.53))
+    text = kitti_raw(2, 3).replace("T_03", "T_04")
+    with pytest.raises(AnyNetError, match=r"lacks P_rect_02 and P_rect_03 of rectified images; .*by, T_03$"):
+        read(write(tmp_path, "calib_cam_to_cam.txt", text))
+    with pytest.raises(AnyNetError, match=r"lacks P_rect_02 and P_rect_03 .*by, K_03, D_03, R_03, T_03, S_03$"):
+        read(write(tmp_path, "calib_cam_to_cam.txt", kitti_raw(2)))
+
+
+def test_kitti_says_what_of_the_raw_cameras_is_missing(tmp_path: Path) -> None:
+    text = kitti_raw(2, 3).replace("D_03", "D_04")
+    text += "P_rect_02: 721 0 609 0 0 721 172 0 0 0 1 0\nP_rect_03: 721 0 609 -382 0 721 172 0 0 0 1 0\n"
+    calibration = read(write(tmp_path, "calib_cam_to_cam.txt", text))
+    assert calibration.rig is None
+    with pytest.raises(AnyNetError, match=r"\(--raw\), got none \(KITTI, color pair .*; of the raw .* lacks D_03\)"):
+        PairPreparation(calibration, raw=True)
+
+
+KARLSRUHE = """calib_time: 07-Sep-2009 12:00:00
+corner_dist: 1.0e-01
+roi: 20 1363 40 430
+K1: 904 0 681 0 905 257 0 0 1
+D1: -0.379 0.186 -0.0006 0.0003 -0.051
+K2: 902 0 692 0 903 244 0 0 1
+D2: -0.377 0.18 0.0002 -0.0004 -0.047
+R: 1 0 0 0 1 0 0 0 1
+T: -0.57 0.005 0.006
+P1: 645.2 0 656 0 0 645.2 234.1 0 0 0 1 0
+P1_roi: 645.2 0 636 0 0 645.2 194.1 0 0 0 1 0
+P2: 645.2 0 656 -367.8 0 645.2 234.1 0 0 0 1 0
+P2_roi: 645.2 0 636 -367.8 0 645.2 194.1 0 0 0 1 0
+"""
+
+
+def test_karlsruhe(tmp_path: Path) -> None:
+    def without(*names: str) -> Path:
+        lines = [line for line in KARLSRUHE.splitlines() if line.partition(":")[0] not in names]
+        return write(tmp_path, "calib.txt", "\n".join(lines) + "\n")
+
+    calibration = read(without())
+    assert calibration == Calibration(645.2, 367.8 / 645.2, 636, 194.1, 0, (1344, 391))
+    assert calibration.rig is not None
+    assert calibration.rig.left.distorted
+    assert calibration.rig.baseline == pytest.approx(0.57, abs=1e-3)
+    assert read(without("P1_roi")) == Calibration(645.2, 367.8 / 645.2, 656, 234.1, 0)
+    assert read(without("K2", "D2")).rig is None
+    assert read(without("K1", "K2")).size == (1344, 391)
+    assert isinstance(read_calibration(without("P1", "P1_roi", "P2", "P2_roi")), StereoRig)
+    message = r"lacks P1_roi and P2_roi of rectified images; of the raw cameras, to rectify by, D2, T$"
+    with pytest.raises(AnyNetError, match=message):
+        read(without("P1", "P2_roi", "D2", "T"))
+    path = write(tmp_path, "calib.txt", KARLSRUHE.replace("1363", "3"))
+    with pytest.raises(AnyNetError, match="expected roi as first and last column, first and last row, got 20 3 40 430"):
+        read(path)
 
 
 @pytest.mark.parametrize(

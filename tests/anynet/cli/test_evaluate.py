@@ -3,10 +3,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from skimage.data import stereo_motorcycle
 
 from anynet import AnyNet, save_checkpoint
 from anynet.cli import main
+from anynet.io import write_image
 
 
 def test_tables_and_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -24,6 +27,34 @@ def test_tables_and_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert len(network["stages"][3]["images"]) == 2
     assert matcher["stages"][0]["density"] < 100
     assert sorted(path.name for path in out.glob("*.png")) == ["0.png", "1.png"]
+
+
+def test_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A pair whose rows are off, with a calibration."""
+    left, right, truth = stereo_motorcycle()
+    write_image(tmp_path / "left.png", left)
+    write_image(tmp_path / "right.png", np.roll(right, 3, axis=0))
+    np.save(tmp_path / "truth.npy", truth)
+    (tmp_path / "pairs.csv").write_text("left,right,disparity\nleft.png,right.png,truth.npy\n")
+    (tmp_path / "K.txt").write_text("994.978 0 311.193 0 994.978 254.877 0 0 1\n0.193001\n")
+
+    def d1(*options: str) -> tuple[float, str]:
+        out = tmp_path / "out"
+        data = f"csv:{tmp_path / 'pairs.csv'}"
+        assert main(["evaluate", "--method", "bm", "--data", data, "--out", str(out), *options]) == 0
+        errors = capsys.readouterr().err
+        return json.loads((out / "results.json").read_text())[0]["stages"][0]["mean_over_images"]["d1"], errors
+
+    off, errors = d1()
+    assert "left: the pair looks unrectified" in errors
+    good, errors = d1("--fix-rows", "--calib", str(tmp_path / "K.txt"))
+    assert "left: rows of the right image moved by -2.9" in errors
+    assert "unrectified" not in errors
+    assert good < off - 20
+    assert "Calibration: camera matrix and baseline." in (tmp_path / "out" / "results.md").read_text()
+    data = ["--method", "bm", "--data", f"csv:{tmp_path / 'pairs.csv'}"]
+    assert main(["evaluate", *data, "--raw"]) == 2
+    assert "expected a calibration of raw cameras to rectify with (--raw), got none" in capsys.readouterr().err
 
 
 def test_every_split_wants_data(capsys: pytest.CaptureFixture[str]) -> None:

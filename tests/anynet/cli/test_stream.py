@@ -123,6 +123,56 @@ def test_recording_to_recording(run: Run, scene: tuple[np.ndarray, np.ndarray], 
     np.testing.assert_allclose(values, expected, rtol=1e-3)
 
 
+def test_confidence_goes_everywhere(run: Run, folders: tuple[Path, Path], tmp_path: Path) -> None:
+    rosbags = pytest.importorskip("rosbags.highlevel", reason="the extra ros is not installed")
+    out, record = tmp_path / "out", tmp_path / "out.mcap"
+    options = ("--every-frame", "--out", out, "--format", "npy", "--record", record, "--json", *CALIB)
+    result = run("stream", *folders, "--min-confidence", 0.5, "--drop-occluded", *options)
+    assert result.status == 0, result.err
+    frames, _ = lines(result.out)
+    assert {"confidence", "occluded"} < set(frames[0]["files"])
+    with rosbags.AnyReader([record]) as reader:
+        messages = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
+    confidence = messages["/stereo/left/confidence"].data.view("<f4").reshape(48, 64)
+    occluded = messages["/stereo/left/occluded"].data.reshape(48, 64) > 0
+    images = [read_image(folder / "c.png") for folder in folders]
+    np.testing.assert_array_equal(confidence, Predictor().predict(*images, confidence=True).confidence)
+    disparity = np.load(frames[-1]["files"]["disparity"])
+    assert np.isnan(disparity[(confidence < 0.5) | occluded]).all()
+    assert np.isfinite(disparity).any()
+
+
+def test_the_size_chooses_among_a_files_resolutions(run: Run, folders: tuple[Path, Path], tmp_path: Path) -> None:
+    """ZED's files have several."""
+    lefts, rights = tmp_path / "left", tmp_path / "right"
+    for folder, image in zip((lefts, rights), scene_of(folders), strict=True):
+        folder.mkdir()
+        write_image(folder / "0.png", cv2.resize(image, (672, 376)))
+    values = "fx={0}\nfy={0}\ncx={1}\ncy={2}\nk1=0\nk2=0\n"
+    text = "".join(
+        f"[{side}_CAM_{name}]\n" + values.format(focal, width / 2, height / 2)
+        for side in ("LEFT", "RIGHT")
+        for name, focal, width, height in (("HD", 700, 1280, 720), ("VGA", 350, 672, 376))
+    )
+    (tmp_path / "SN1.conf").write_text(text + "[STEREO]\nBaseline=120\nRX_VGA=0\nCV_VGA=0\nRZ_VGA=0\n")
+    options = ("--every-frame", "--no-check", "--stage", 1, "--json")
+    result = run("stream", lefts, rights, "--calib", tmp_path / "SN1.conf", *options)
+    assert result.status == 0, result.err
+    assert lines(result.out)[0][0]["calibration"]["focal"] == 350
+
+
+def scene_of(folders: tuple[Path, Path]) -> list[np.ndarray]:
+    return [read_image(folder / "a.png") for folder in folders]
+
+
+def test_view_excludes_what_it_does_not_do(run: Run, folders: tuple[Path, Path], tmp_path: Path) -> None:
+    for options in (("--record", tmp_path / "a.mcap"), ("--json",), ("--stage", 1), ("--min-confidence", 0.5)):
+        result = run("stream", *folders, "--view", *options)
+        assert result.status == 2
+        assert result.err.startswith("anynet: --view excludes --record")
+        assert result.err.count("\n") == 1
+
+
 def raw_view(camera: np.ndarray, distortion: np.ndarray, x: float, turn: float, depth: float) -> np.ndarray:
     """A textured wall, seen by a raw camera at x, turned about its vertical axis."""
     texture = cv2.resize(np.random.default_rng(0).integers(0, 256, (160, 160, 3), np.uint8), (1600, 1600))

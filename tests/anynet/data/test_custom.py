@@ -135,3 +135,12 @@ def test_wrong_tables(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "pairs.csv").write_text(text)
     with pytest.raises(AnyNetError, match=message):
         open_dataset(f"csv:{tmp_path / 'pairs.csv'}")
+
+
+@pytest.mark.parametrize(("side", "ending"), [("left", ".jpg"), ("right", ".tiff"), ("disparity", ".npy")])
+def test_two_files_of_one_name(root: Path, side: str, ending: str) -> None:
+    kept = "a.pfm" if side == "disparity" else "a.png"
+    (root / side / f"a{ending}").write_bytes(b"another")
+    names = " and ".join(sorted([kept, f"a{ending}"]))
+    with pytest.raises(AnyNetError, match=f"{root / side}: expected one file of a name, got {names}"):
+        open_dataset(f"folders:{root}")

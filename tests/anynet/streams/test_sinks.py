@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -150,6 +151,27 @@ def test_ros1_bag_by_the_mcap_projects_message_decoder(tmp_path: Path) -> None:
                 break
         else:
             pytest.fail("no disparity in the bag")
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "out.bag"])
+def test_confidence(tmp_path: Path, name: str) -> None:
+    from rosbags.highlevel import AnyReader
+
+    rng = np.random.default_rng(1)
+    confidence, occluded = rng.random((16, 24), np.float32), rng.random((16, 24)) > 0.5
+    with Recorder(tmp_path / name) as recorder:
+        for result in results(None):
+            estimate = replace(result.estimate, confidence=confidence, occluded=occluded)
+            recorder.write(replace(result, estimate=estimate))
+    with AnyReader([tmp_path / name]) as reader:
+        messages = [(c.topic, reader.deserialize(raw, c.msgtype)) for c, _, raw in reader.messages()]
+    images = {topic: message for topic, message in messages if topic != "/stereo/disparity"}
+    assert len(messages) == 9
+    assert images.keys() == {"/stereo/left/confidence", "/stereo/left/occluded"}
+    sure, hidden = images["/stereo/left/confidence"], images["/stereo/left/occluded"]
+    assert (sure.encoding, sure.step, hidden.encoding, hidden.step) == ("32FC1", 96, "mono8", 24)
+    np.testing.assert_array_equal(sure.data.view("<f4").reshape(16, 24), confidence)
+    np.testing.assert_array_equal(hidden.data.reshape(16, 24), np.where(occluded, 255, 0))
 
 
 def test_millimeters_and_far_points(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from anynet import Predictor
 from anynet.camera import Calibration, PairPreparation
 from anynet.errors import AnyNetError
 from anynet.streams import Frame, Stream
+from anynet.trust import Trust
 
 from .conftest import Frames, Stub, frame
 
@@ -169,6 +170,23 @@ def test_real_predictor(weights_predictor: Predictor) -> None:
     for result, pair in zip(results, images, strict=True):
         expected = weights_predictor.predict(*pair).disparity
         np.testing.assert_array_equal(result.estimate.disparity, np.where(expected > 0, expected, np.nan))
+
+
+def test_confidence_and_what_is_dropped_for_want_of_it(weights_predictor: Predictor) -> None:
+    left, right = np.random.default_rng(0).integers(0, 256, (2, 32, 48, 3), dtype=np.uint8)
+    expected = weights_predictor.predict(left, right, confidence=True)
+    assert expected.confidence is not None
+    least = float(np.median(expected.confidence))
+    for options in ({"confidence": True}, {"trust": Trust(min_confidence=least)}):
+        frames = Frames([Frame("0", left, right, stamp=0, time=0.0)])
+        (result,) = Stream(frames, weights_predictor, every_frame=True, **options).results()
+        np.testing.assert_array_equal(result.estimate.confidence, expected.confidence)
+        np.testing.assert_array_equal(result.estimate.occluded, expected.occluded)
+        known = expected.disparity > 0
+        if "trust" in options:
+            known &= expected.confidence >= least
+        np.testing.assert_array_equal(np.isfinite(result.estimate.disparity), known)
+        assert known.any()
 
 
 @pytest.fixture(scope="module")

@@ -59,3 +59,26 @@ def test_devices_that_there_are_not(device: str, message: str, monkeypatch: pyte
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(AnyNetError, match=message), process_group(device):
         pass
+
+
+@pytest.mark.parametrize(
+    ("environment", "message"),
+    [
+        (
+            {"WORLD_SIZE": "two"},
+            "expected WORLD_SIZE in the environment to be a number, as torchrun sets it, got 'two'",
+        ),
+        ({"WORLD_SIZE": "9" * 5000}, "expected WORLD_SIZE in the environment"),
+        ({"WORLD_SIZE": "2"}, "expected RANK in the environment to be a number, as torchrun sets it, got None"),
+        ({"WORLD_SIZE": "2", "RANK": "0"}, "cannot join the run's other processes: .*MASTER_ADDR"),
+    ],
+)
+def test_an_environment_that_describes_no_process(
+    monkeypatch: pytest.MonkeyPatch, environment: dict[str, str], message: str
+) -> None:
+    for name in ("WORLD_SIZE", "RANK", "MASTER_ADDR", "MASTER_PORT"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(AnyNetError, match=message), process_group("cpu"):
+        pass
