@@ -78,6 +78,7 @@ def conv3x3x3(
     return out
 
 
+@overridable
 def conv_pair(
     input: Tensor,
     weight_first: Tensor,

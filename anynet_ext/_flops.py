@@ -26,6 +26,10 @@ def _convolution(out: Shape, input: Shape, weight: Shape, *_: Any) -> int:
     return 2 * prod(out) * prod(weight[1:])
 
 
+def _pair(out: Shape, input: Shape, first: Shape, bias: Shape | None, second: Shape, *_: Any) -> int:
+    return 2 * (prod(out) // out[1]) * (prod(first) + prod(second))
+
+
 def _cost_volume(out: Shape, left: Shape, right: Shape, disparity: Shape | None = None, *_: Any) -> int:
     per_channel = 3 + (LERP if disparity is not None else 0)  # difference, absolute value, sum; sampling
     return prod(out) * left[1] * per_channel
@@ -60,6 +64,7 @@ _FORMULAS: dict[str, Callable[..., int]] = {
     "candidate_costs": _candidate_costs,
     "conv3x3": _convolution,
     "conv3x3x3": _convolution,
+    "conv_pair": _pair,
     "cost_volume": _cost_volume,
     "cost_volume_affine_relu": lambda out, *shapes: _cost_volume(out, *shapes) + 2 * prod(out),
     "expected_disparity": lambda out, cost, *_: 5 * prod(cost),
