@@ -13,6 +13,7 @@
 #include <chrono>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <iterator>
 #include <limits>
 #include <map>
@@ -120,7 +121,8 @@ int main(int count, char** arguments) {
     return 2;
   }
   try {
-    if (!dlopen(arguments[2], RTLD_NOW)) throw std::runtime_error(dlerror());
+    const std::string library = std::filesystem::absolute(arguments[2]); // a bare name would be looked for elsewhere
+    if (!dlopen(library.c_str(), RTLD_NOW)) throw std::runtime_error(dlerror());
     const double budget = count > 6 ? std::stod(arguments[6]) : std::numeric_limits<double>::infinity();
     const at::Tensor left = read(arguments[3]), right = read(arguments[4]);
     Anytime network(arguments[1]);

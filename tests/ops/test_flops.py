@@ -43,6 +43,6 @@ def test_the_papers_network_needs_what_its_layers_do() -> None:
 
 
 def test_the_deployed_network_is_counted() -> None:
-    network = Predictor()._network
+    network = Predictor("paper")._network
     images = torch.zeros(2, 64, 128, 3, dtype=torch.uint8)
     assert 0.02e9 < flops(lambda: network(*images)) < 0.06e9

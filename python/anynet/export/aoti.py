@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import torch
-import torch._inductor.package
 from torch import Tensor
+from torch._inductor.package.package import package_aoti
+from torch.export.pt2_archive._package import AOTI_FILES
+from torch.export.pt2_archive._package_weights import Weights
 
 from anynet.errors import AnyNetError, one_line
 from anynet.export.cut import Part, cut, run, whole
@@ -36,11 +38,11 @@ def export_aoti(request: Request, path: Path) -> None:
     with torch.no_grad():
         values = run(stages, images)
         models = {WHOLE: whole(program, names)} | {f"stage_{k}": part for k, part in enumerate(stages, 1)}
-        files = {name: _compiled(part, values, request) for name, part in models.items()}
-    torch._inductor.package.package_aoti(str(path), files)
+        files: AOTI_FILES = {name: _compiled(part, values, request) for name, part in models.items()}
+    package_aoti(str(path), files)
 
 
-def _compiled(part: Part, values: Mapping[str, Tensor], request: Request) -> list[str]:
+def _compiled(part: Part, values: Mapping[str, Tensor], request: Request) -> list[str | Weights]:
     """The files of a compiled part, for inputs like these values."""
     metadata = {
         "inputs": " ".join(part.inputs),
@@ -55,7 +57,7 @@ def _compiled(part: Part, values: Mapping[str, Tensor], request: Request) -> lis
     }
     arguments = tuple(values[name] for name in part.inputs)
     try:
-        files: list[str] = torch._inductor.aot_compile(part.module, arguments, options=options)  # type: ignore[assignment]
+        files: list[str | Weights] = torch._inductor.aot_compile(part.module, arguments, options=options)  # type: ignore[assignment]
     except torch._inductor.exc.CppCompileError as error:
         raise AnyNetError(f"export: the C++ compiler failed: {one_line(error)}") from None
     return files

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch.export import ExportedProgram
 from torch.fx import Graph, GraphModule, Node
+from torch.utils import _pytree as pytree
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,11 @@ def _part(module: GraphModule, k: int, results: list[Node], part_of: dict[Node, 
     graph.output(tuple(copies[node] for node in results))
     part = GraphModule(module, graph)
     part.graph.lint()
-    return Part(part, inputs, [names.get(node, node.name) for node in results])
+    outputs = [names.get(node, node.name) for node in results]
+    # How a package's models take and give their tensors in Python: one after the other.
+    part._in_spec = pytree.tree_structure((tuple(inputs), {}))
+    part._out_spec = pytree.tree_structure(tuple(outputs))
+    return Part(part, inputs, outputs)
 
 
 def run(parts: list[Part], images: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:

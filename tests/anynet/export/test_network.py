@@ -18,7 +18,7 @@ from .cases import OPTIONS, network
     [
         (Request("default", 0, 64), "expected height from 1 to 32768, got 0"),
         (Request("default", 64, 40000), "expected width from 1 to 32768, got 40000"),
-        (Request("default", 64, 16, dynamic=True), "expected width from 17 to 32768, got 16"),
+        (Request("paper", 64, 16, dynamic=True), "expected width from 17 to 32768, got 16"),
         (Request("default", 64, 64, stages=5), "expected stages from 1 to 4, got 5"),
         (Request("none", 64, 64), "expected a file of weights"),
     ],
