@@ -82,9 +82,8 @@ class Names:
         if found is None or not isinstance(found[1], str):
             return None
         name = found[1].strip().lower().removesuffix("s").replace("metre", "meter")
-        return METERS.get(
-            {"meter": "m", "millimeter": "mm", "centimeter": "cm", "inche": "in", "inch": "in"}.get(name, name)
-        )
+        names = {"meter": "m", "millimeter": "mm", "centimeter": "cm", "inche": "in", "inch": "in"}
+        return METERS.get(names.get(name, name))
 
     def text(self, *names: str) -> str:
         """A field's text in lower case; empty if it is not there."""
