@@ -1,14 +1,18 @@
 """Stereo operators for PyTorch: import this, then use the functions here or `torch.ops.anynet.*`.
 
-Those of the deployed network are for inference: float32, on the CPU, without gradients. On the CPU, all raise
-MemoryError if there is not enough for their scratch, and run on one thread in a forked process.
+Those of the deployed network are for inference: float32, without gradients. All others have first derivatives; second
+ones raise RuntimeError. Under `torch.autocast`, these compute in float32 and return float32, whatever they are given.
+On the CPU, all raise MemoryError if there is not enough for their scratch, and run on one thread in a forked process.
+
+A saved program that holds them, a .pt2 file, can only be loaded after `import anynet_ext`.
+
 `anynet_ext.reference` has every operator again in plain PyTorch.
 """
 
-from anynet_ext import reference
+from anynet_ext import _flops, reference  # noqa: F401  (registers the formulas)
 from anynet_ext._batch_norm import batch_norm_relu
 from anynet_ext._candidates import candidate_costs, expected_disparity
-from anynet_ext._conv import conv3x3, conv3x3x3
+from anynet_ext._conv import conv3x3, conv3x3x3, conv_pair
 from anynet_ext._convex_upsampling import convex_upsampling
 from anynet_ext._cost_volume import cost_volume, cost_volume_affine_relu
 from anynet_ext._library import build_info
@@ -28,6 +32,7 @@ __all__ = [
     "candidate_costs",
     "conv3x3",
     "conv3x3x3",
+    "conv_pair",
     "convex_upsampling",
     "cost_volume",
     "cost_volume_affine_relu",

@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import no_second_derivative, register_fake
+from anynet_ext._register import no_second_derivative, overridable, register_fake
 
 
+@overridable
 def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
     """`relu(batch_norm(input))` by the batch's own statistics, and these.
 
@@ -25,7 +26,8 @@ def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float =
     Returns:
         [N, C, ...], differentiable in all tensors; and, [C] each and without gradients, the channels' means and
         variances (over the number of values, as they normalize). Results and gradients repeat bit for bit whatever the
-        number of threads. Under autocast it computes in float32.
+        number of threads. Under autocast it computes in float32, and returns that. There is no second
+        derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.
@@ -45,7 +47,7 @@ def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float =
     return out
 
 
-def _fake(input: Tensor, weight: Tensor, bias: Tensor, eps: float) -> tuple[Tensor, Tensor, Tensor]:
+def _fake(input: Tensor, weight: Tensor, bias: Tensor, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
     return input.new_empty(input.shape), weight.new_empty(weight.shape), weight.new_empty(weight.shape)
 
 
@@ -55,7 +57,7 @@ def _fake_backward(
     return input.new_empty(input.shape), weight.new_empty(weight.shape), bias.new_empty(bias.shape)
 
 
-def _cuda(input: Tensor, weight: Tensor, bias: Tensor, eps: float) -> tuple[Tensor, Tensor, Tensor]:
+def _cuda(input: Tensor, weight: Tensor, bias: Tensor, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
     out, mean, rsqrt = torch.native_batch_norm(input, weight, bias, None, None, True, 0.0, eps)
     return out.relu_().contiguous(), mean, rsqrt.pow(-2) - eps
 

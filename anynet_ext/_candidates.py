@@ -6,11 +6,12 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def candidate_costs(features: Tensor, disparity: Tensor, groups: int, first: int, last: int, radius: int) -> Tensor:
-    """Matching costs of a residual stage's candidates, with what else its network sees. For inference on the CPU.
+    """Matching costs of a residual stage's candidates, with what else its network sees. For inference.
 
     The candidates are the residuals first ... last around the estimate and, to propagate good disparities, the largest
     and the smallest disparity of a window.
@@ -35,8 +36,9 @@ def candidate_costs(features: Tensor, disparity: Tensor, groups: int, first: int
     return out
 
 
+@overridable
 def expected_disparity(cost: Tensor, disparity: Tensor, offsets: Tensor, first: int) -> Tensor:
-    """`disparity + sum_k softmax(-cost)[k] * residual[k]`, for inference on the CPU.
+    """`disparity + sum_k softmax(-cost)[k] * residual[k]`, for inference.
 
     The residuals are first, first + 1, ..., offsets[:, 0], offsets[:, 1], as `candidate_costs` orders them.
 

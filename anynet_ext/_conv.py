@@ -7,12 +7,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from anynet_ext import _checks, _library, reference  # noqa: F401  (loads the operators)
-from anynet_ext._register import register
+from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
+from anynet_ext._register import overridable, register, register_inference
 
 CHANNELS = 64
 
 
+@overridable
 def conv3x3(
     input: Tensor,
     weight: Tensor,
@@ -32,7 +33,7 @@ def conv3x3(
     It is for layers whose channels are few and pixels many, where general libraries reach a few per cent of a CPU's
     arithmetic: pixels lie in the vector registers, in PyTorch's own layout, and nothing is reordered. Prefer PyTorch's
     (oneDNN's) convolutions for more than 32 channels out, for other kernel sizes, and for rows much shorter than a
-    vector (16 pixels). On CUDA tensors this calls PyTorch's own.
+    vector (16 pixels). On CUDA tensors the derivatives are PyTorch's own.
 
     Args:
         input: [N, C, H, W], float32 or float64, 1 <= C <= 64; made contiguous if it is not.
@@ -44,7 +45,8 @@ def conv3x3(
 
     Returns:
         [N, O, (H - 1) // stride + 1, (W - 1) // stride + 1]. Differentiable in every tensor; the gradients repeat bit
-        for bit whatever the number of threads. Under autocast it computes in float32.
+        for bit whatever the number of threads. There is no second derivative. Under autocast it computes in float32,
+        and returns that.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.
@@ -54,6 +56,7 @@ def conv3x3(
     return out
 
 
+@overridable
 def conv3x3x3(
     input: Tensor,
     weight: Tensor,
@@ -73,6 +76,44 @@ def conv3x3x3(
     _check("conv3x3x3", 3, input, weight, bias, stride, scale, shift)
     out: Tensor = torch.ops.anynet.conv3x3x3(input, weight, bias, scale, shift, stride, relu_in, relu_out)
     return out
+
+
+def conv_pair(
+    input: Tensor,
+    weight_first: Tensor,
+    bias_first: Tensor | None,
+    weight_second: Tensor,
+    bias_second: Tensor | None = None,
+    *,
+    relu_out: bool = False,
+) -> Tensor:
+    """Two convolutions of stride 1 with a ReLU between them, for inference; on a GPU one launch where channels are few.
+
+    Args:
+        input: [N, C, H, W] or [N, C, D, H, W] float32, contiguous, 1 <= C <= 64.
+        weight_first, weight_second: [M, C, 3, 3] and [O, M, 3, 3], or with a third 3; M, O <= 64.
+        bias_first, bias_second: [M], [O].
+        relu_out: ReLU after the second, too.
+
+    Returns:
+        [N, O, H, W] or [N, O, D, H, W].
+
+    Raises:
+        RuntimeError: if an argument has the wrong dtype, shape or layout.
+    """
+    out: Tensor = torch.ops.anynet.conv_pair(input, weight_first, bias_first, weight_second, bias_second, relu_out)
+    return out
+
+
+def _fake_conv_pair(
+    input: Tensor,
+    weight_first: Tensor,
+    bias_first: Tensor | None,
+    weight_second: Tensor,
+    bias_second: Tensor | None,
+    relu_out: bool,
+) -> Tensor:
+    return input.new_empty(input.shape[0], weight_second.shape[0], *input.shape[2:])
 
 
 def _check(
@@ -133,12 +174,12 @@ def _register(name: str, dimensions: int) -> None:
     def _fake(
         input: Tensor,
         weight: Tensor,
-        bias: Tensor | None,
-        scale: Tensor | None,
-        shift: Tensor | None,
-        stride: int,
-        relu_in: bool,
-        relu_out: bool,
+        bias: Tensor | None = None,
+        scale: Tensor | None = None,
+        shift: Tensor | None = None,
+        stride: int = 1,
+        relu_in: bool = False,
+        relu_out: bool = False,
     ) -> Tensor:
         sizes = [(size - 1) // stride + 1 for size in input.shape[2:]]
         return input.new_empty(input.shape[0], weight.shape[0], *sizes)
@@ -157,22 +198,6 @@ def _register(name: str, dimensions: int) -> None:
         if scale is None or shift is None:
             return input
         return input * scale.view(channels_last) + shift.view(channels_last)
-
-    @torch.library.impl(op, "CUDA")
-    def _cuda(
-        input: Tensor,
-        weight: Tensor,
-        bias: Tensor | None,
-        scale: Tensor | None,
-        shift: Tensor | None,
-        stride: int,
-        relu_in: bool,
-        relu_out: bool,
-    ) -> Tensor:
-        function = reference.conv3x3 if dimensions == 2 else reference.conv3x3x3
-        return function(
-            input, weight, bias, stride=stride, scale=scale, shift=shift, relu_in=relu_in, relu_out=relu_out
-        ).contiguous()
 
     def _convolution_backward(
         grad: Tensor, input: Tensor, weight: Tensor, stride: int, mask: list[bool]
@@ -207,7 +232,7 @@ def _register(name: str, dimensions: int) -> None:
 
     def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         input, weight, scale, shift, output = ctx.saved_tensors
-        needs = ctx.needs_input_grad
+        needs = [*ctx.needs_input_grad, *[False] * 4]  # it ends with the last argument that was given
         if output is not None:
             grad = grad * (output > 0)
         grad_input = grad_weight = grad_bias = grad_scale = grad_shift = None
@@ -243,3 +268,4 @@ def _register(name: str, dimensions: int) -> None:
 
 _register("conv3x3", 2)
 _register("conv3x3x3", 3)
+register_inference("conv_pair", _fake_conv_pair)

@@ -6,11 +6,12 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def convex_upsampling(input: Tensor, logits: Tensor) -> Tensor:
-    """Upsampling by two, each pixel a mean of the 3x3 around it, weighted by a softmax. For inference on the CPU.
+    """Upsampling by two, each pixel a mean of the 3x3 around it, weighted by a softmax. For inference.
 
     Args:
         input: [N, 1, H, W] float32, contiguous; padded by replication.

@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register, register_inference
+from anynet_ext._register import overridable, register, register_inference
 
 
+@overridable
 def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, first: int = 0, last: int = 0) -> Tensor:
     """L1 matching cost of each left pixel at disparities around a map:
 
@@ -25,7 +26,8 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
         first, last: the range of offsets in pixels, both included, first <= last.
 
     Returns:
-        [N, last - first + 1, H, W], contiguous. Half types are computed in float32 and rounded once.
+        [N, last - first + 1, H, W], contiguous. Half types are computed in float32 and rounded once. Under
+        autocast the result is float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype, device or shape, or first > last.
@@ -45,10 +47,11 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
     return out
 
 
+@overridable
 def cost_volume_affine_relu(
     left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int, scale: Tensor, shift: Tensor
 ) -> Tensor:
-    """`relu(scale * cost_volume + shift)`: the input of a cost network's first convolution, for inference on the CPU.
+    """`relu(scale * cost_volume + shift)`: the input of a cost network's first convolution, for inference.
 
     Args:
         left: [N, C, H, W] float32, contiguous; the G groups of channels of a pair are G samples of the batch.
@@ -67,7 +70,7 @@ def cost_volume_affine_relu(
     return out
 
 
-def _fake(left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int) -> Tensor:
+def _fake(left: Tensor, right: Tensor, disparity: Tensor | None = None, first: int = 0, last: int = 0) -> Tensor:
     n, _, h, w = left.shape
     return left.new_empty(n, last - first + 1, h, w)
 

@@ -22,7 +22,8 @@ def _find() -> Path:
                 anynet_ext.__path__.append(str(folder))  # for _kernels
             return folder
     raise ImportError(
-        f"{here / '_C.so'} is missing: build it with `pip install .` (or `python setup.py build_ext --inplace`)"
+        f"{here / '_C.so'} is missing: build it with `pip install .` (or `python setup.py build_ext --inplace`)",
+        name="anynet_ext",
     )
 
 
@@ -36,8 +37,10 @@ def _load(name: str) -> ctypes.CDLL:
 
 
 _C = _load("_C.so")
-for _function in (_C.anynet_isa, _C.anynet_isa_built, _C.anynet_build_config):
+for _function in (_C.anynet_isa, _C.anynet_isa_error, _C.anynet_isa_built, _C.anynet_build_config):
     _function.restype = ctypes.c_char_p
+if _error := _C.anynet_isa_error().decode(errors="replace"):
+    raise ImportError(_error, name="anynet_ext")
 
 
 def _load_cuda() -> str:
@@ -55,9 +58,10 @@ _CUDA = _load_cuda()
 
 
 def build_info() -> dict[str, Any]:
-    """What was built and what is in use: compiler, instruction sets, threads, CUDA or why not."""
+    """What was built and what is in use: library, compiler, instruction sets, threads, CUDA or why not."""
     config = _C.anynet_build_config().decode()
     return {
+        "library": str(_FOLDER / "_C.so"),
         "config": config,
         "instruction_sets": _C.anynet_isa_built().decode().split(),
         "instruction_set": _C.anynet_isa().decode(),

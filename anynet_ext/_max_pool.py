@@ -6,11 +6,12 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
-    """`relu(scale * max_pool2d(input, 2) + shift)`, for inference on the CPU.
+    """`relu(scale * max_pool2d(input, 2) + shift)`, for inference.
 
     Args:
         input: [N, C, H, W] float32, contiguous, as are all.

@@ -6,11 +6,12 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def fill_occlusions(disparity: Tensor, pixel: float) -> Tensor:
-    """A left disparity map with its occlusions filled from the background beside them. For inference on the CPU.
+    """A left disparity map with its occlusions filled from the background beside them. For inference.
 
     Pixels out of the right image's view take the disparity of their right neighbor, occluded ones that of their left
     neighbor, one after another; those within two pixels of the edge of an occlusion only in part.

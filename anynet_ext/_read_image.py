@@ -6,15 +6,16 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def read_image(
     image: Tensor, mean: Tensor, std: Tensor, factor: int, height: int, width: int, *, block: int = 1
 ) -> Tensor:
     """An 8-bit image downsampled by `factor` (bilinear, align_corners=False) and normalized: less `mean`, over `std`.
 
-    For inference on the CPU.
+    For inference.
 
     Args:
         image: [H, W, 3] uint8, contiguous; padded by replication where the output goes beyond.

@@ -3,10 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 import torch
 from torch import Tensor
+from torch.overrides import handle_torch_function, has_torch_function
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def overridable(function: Callable[P, R]) -> Callable[P, R]:
+    """Gives arguments with a `__torch_function__` of their own the call, as PyTorch's functions do.
+
+    So `torch.fx.symbolic_trace` sees one call in the place of checks of tensors that it does not have.
+    """
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        values = (*args, *kwargs.values())
+        if has_torch_function(values):
+            result: R = handle_torch_function(call, values, *args, **kwargs)
+            return result
+        for value in values:
+            if isinstance(value, (list, tuple)) and has_torch_function(value):
+                result = handle_torch_function(call, value, *args, **kwargs)
+                return result
+        return function(*args, **kwargs)
+
+    return call
 
 
 def _vmap_rule(name: str, shared: tuple[str, ...]) -> Callable[..., Any]:
@@ -29,7 +55,7 @@ def _vmap_rule(name: str, shared: tuple[str, ...]) -> Callable[..., Any]:
 
     def rule(info: Any, in_dims: tuple[int | None, ...], *args: Any) -> tuple[Any, Any]:
         size = info.batch_size
-        out = op(*[fold(*each, size) for each in zip(arguments, args, in_dims, strict=True)])
+        out = op(*[fold(*each, size) for each in zip(arguments, args, in_dims, strict=False)])  # the rest: defaults
         if isinstance(out, Tensor):
             return unfold(out, size), 0
         return tuple(unfold(t, size) for t in out), tuple(0 for _ in out)

@@ -9,9 +9,10 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register
+from anynet_ext._register import overridable, register
 
 
+@overridable
 def resize(
     input: Tensor,
     size: tuple[int, int],
@@ -32,7 +33,8 @@ def resize(
         align_corners: whether corner pixels' centers meet (True) or pixels are areas (False).
 
     Returns:
-        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once.
+        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype, device or shape.
@@ -52,7 +54,9 @@ def resize(
     return out
 
 
-def _fake(input: Tensor, height: int, width: int, scale: float, add: Tensor | None, align_corners: bool) -> Tensor:
+def _fake(
+    input: Tensor, height: int, width: int, scale: float = 1.0, add: Tensor | None = None, align_corners: bool = False
+) -> Tensor:
     return input.new_empty(input.shape[0], input.shape[1], height, width)
 
 
@@ -61,7 +65,8 @@ def _fake_backward(grad: Tensor, height: int, width: int, scale: float, align_co
 
 
 def _setup_context(ctx: Any, inputs: tuple[Tensor, int, int, float, Tensor | None, bool], output: Tensor) -> None:
-    input, _, _, ctx.scale, _, ctx.align_corners = inputs
+    input, _, _, ctx.scale, add, ctx.align_corners = inputs
+    ctx.adds = add is not None
     ctx.size = input.shape[2:]
 
 
@@ -69,14 +74,16 @@ def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, None, None, None, 
     grad_input = None
     if ctx.needs_input_grad[0]:
         grad_input = torch.ops.anynet.resize_backward(grad, *ctx.size, ctx.scale, ctx.align_corners)
-    return grad_input, None, None, None, grad if ctx.needs_input_grad[4] else None, None
+    return grad_input, None, None, None, grad if ctx.adds else None, None
 
 
 register("resize", fake=_fake, fake_backward=_fake_backward, setup_context=_setup_context, backward=_backward)
 
 
 @torch.library.impl("anynet::resize", "CUDA")
-def _cuda(input: Tensor, height: int, width: int, scale: float, add: Tensor | None, align_corners: bool) -> Tensor:
+def _cuda(
+    input: Tensor, height: int, width: int, scale: float = 1.0, add: Tensor | None = None, align_corners: bool = False
+) -> Tensor:
     out = scale * F.interpolate(input, (height, width), mode="bilinear", align_corners=align_corners)
     return out if add is None else out + add
 

@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register
+from anynet_ext._register import overridable, register
 
 
+@overridable
 def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
     """The expected disparity under softmax(-cost): `out[n,0,y,x] = sum_k (first + k) softmax_k(-cost[n,k,y,x])`.
 
@@ -19,7 +20,8 @@ def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
         first: the disparity, in pixels, of `cost[:, 0]`.
 
     Returns:
-        [N, 1, H, W], disparity in pixels. Half types are computed in float32 and rounded once.
+        [N, 1, H, W], disparity in pixels. Half types are computed in float32 and rounded once. Under
+        autocast the result is float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.
@@ -34,7 +36,7 @@ def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
     return out
 
 
-def _fake(cost: Tensor, first: int) -> Tensor:
+def _fake(cost: Tensor, first: int = 0) -> Tensor:
     n, _, h, w = cost.shape
     return cost.new_empty(n, 1, h, w)
 

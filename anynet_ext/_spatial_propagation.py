@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register, register_inference
+from anynet_ext._register import overridable, register, register_inference
 
 
+@overridable
 def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     """Scans each channel in one direction; every pixel blends with its three neighbors in the line before:
 
@@ -26,7 +27,8 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
         direction: 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top.
 
     Returns:
-        h, [N, C, H, W], contiguous. Half types are computed in float32 and rounded once.
+        h, [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype, device or shape, or direction is not 0 to 3.
@@ -43,10 +45,11 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     return out
 
 
+@overridable
 def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
     """`spatial_propagation` with each pixel's three gates over the sum of their absolute values plus 1e-8.
 
-    For inference on the CPU.
+    For inference.
 
     [N, C, H, W], [N, 3, C, H, W] -> [N, C, H, W], float32, contiguous.
 

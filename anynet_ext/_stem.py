@@ -6,9 +6,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def stem(
     left: Tensor,
     right: Tensor,
@@ -22,7 +23,7 @@ def stem(
     input_scale: int = 1,
     multiple: int = 4,
 ) -> Tensor:
-    """AnyNet's first layers on 8-bit images, in one pass without intermediate tensors, for inference on the CPU.
+    """AnyNet's first layers on 8-bit images, in one pass without intermediate tensors, for inference.
 
     Both images, less `mean`, go through a 3x3 convolution, ReLU, a 3x3 convolution with stride 2, 2x2 max pooling, a
     per-channel affine, and ReLU. Before that they are upsampled (bilinear, align_corners=False) and padded at the right
@@ -60,8 +61,8 @@ def _fake_stem(
     weight_second: Tensor,
     scale: Tensor,
     shift: Tensor,
-    input_scale: int,
-    multiple: int,
+    input_scale: int = 1,
+    multiple: int = 4,
 ) -> Tensor:
     height, width = (-(-size * input_scale // multiple) * multiple for size in left.shape[:2])
     return mean.new_empty(2, bias_first.shape[0], height // 4, width // 4)

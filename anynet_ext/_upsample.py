@@ -8,19 +8,29 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register_inference
+from anynet_ext._register import overridable, register_inference
 
 
+@overridable
 def upsample_sum(
-    maps: Sequence[Tensor], ratios: Sequence[int], height: int, width: int, *, gain: float = 1.0
+    maps: Sequence[Tensor],
+    ratios: Sequence[int],
+    height: int,
+    width: int,
+    *,
+    gains: Sequence[float] = (),
+    side: float = 0.0,
 ) -> Tensor:
-    """Maps upsampled to one size, and added: `gain * sum_i bilinear(maps[i])`, for inference on the CPU.
+    """Maps upsampled to one size, and added: `sum_i gains[i] * bilinear(maps[i])`, for inference.
 
     Interpolation is PyTorch's with align_corners=False, by `ratios[i]` (a power of two) in both directions; the result
     is cropped to its top left `height` x `width`.
 
     Args:
         maps: 1 to 8, each [H_i, W_i] float32, contiguous, with ratios[i] * H_i >= height, and likewise across.
+        gains: one per map; none: 1 each.
+        side: if not 0, the last map, of ratio 1, is smoothed first: along both axes, each value becomes 1 - 2 side of
+            itself and `side` of both its neighbors, the border being its own. At most 0.5.
 
     Returns:
         [height, width] float32.
@@ -28,14 +38,15 @@ def upsample_sum(
     Raises:
         RuntimeError: if an argument has the wrong dtype or shape.
     """
-    out: Tensor = torch.ops.anynet.upsample_sum(list(maps), list(ratios), gain, height, width)
+    out: Tensor = torch.ops.anynet.upsample_sum(list(maps), list(ratios), list(gains), side, height, width)
     return out
 
 
+@overridable
 def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     """`relu(scale * cat([skip, upsampled coarse]) + shift)`: a U-Net's skip connection and the next epilogue.
 
-    Bilinear with align_corners=True. For inference on the CPU.
+    Bilinear with align_corners=True. For inference.
 
     Args:
         skip: [N, S, H, W] float32, contiguous, as are all.
@@ -52,10 +63,11 @@ def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) 
     return out
 
 
+@overridable
 def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     """`relu(scale * (input + upsampled coarse) + shift)`: an hourglass's skip connection and the next epilogue.
 
-    Trilinear with align_corners=False. For inference on the CPU.
+    Trilinear with align_corners=False. For inference.
 
     Args:
         input: [N, C, D, H, W] float32, contiguous, as are all.
@@ -72,7 +84,9 @@ def upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) ->
     return out
 
 
-def _fake_upsample_sum(maps: list[Tensor], ratios: list[int], gain: float, height: int, width: int) -> Tensor:
+def _fake_upsample_sum(
+    maps: list[Tensor], ratios: list[int], gains: list[float], side: float, height: int, width: int
+) -> Tensor:
     return maps[0].new_empty(height, width)
 
 

@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import register
+from anynet_ext._register import overridable, register
 
 
+@overridable
 def warp(image: Tensor, disparity: Tensor) -> Tensor:
     """The right image as the left camera would see it: `out[n,c,y,x] = image[n,c,y, x - disparity[n,0,y,x]]`.
 
@@ -23,7 +24,8 @@ def warp(image: Tensor, disparity: Tensor) -> Tensor:
         disparity: [N, 1, H, W], pixels, same dtype and device as image.
 
     Returns:
-        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once.
+        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype, device or shape.

@@ -24,7 +24,14 @@ def _columns(image: Tensor, index: Tensor) -> Tensor:
     if w == 0:
         return image.new_zeros(index.shape)
     valid = (index >= 0) & (index < w)
-    return torch.where(valid, image.gather(3, index.clamp(0, w - 1).nan_to_num(0).long()), 0)
+    return torch.where(valid, image.gather(3, torch.where(valid, index, 0).long()), 0)
+
+
+def _shifted(image: Tensor, columns: int) -> Tensor:
+    """`image` [N,C,H,W] moved to the right, with zeros from outside."""
+    if columns < 0:
+        return F.pad(image, (0, -columns))[..., -columns:]
+    return F.pad(image, (columns, 0))[..., : image.shape[-1]]
 
 
 def _sample(image: Tensor, x: Tensor) -> Tensor:
@@ -51,7 +58,7 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None, first: in
     costs = []
     for offset in range(first, last + 1):
         if disparity is None:
-            sampled = _columns(wide_right, columns - offset)
+            sampled = _shifted(wide_right, offset)
         else:
             sampled = _sample(wide_right, columns - _widen(disparity)[0] - offset)
         costs.append((wide_left - sampled).abs().sum(1))
@@ -119,6 +126,20 @@ def conv3x3(
 conv3x3x3 = conv3x3
 
 
+def conv_pair(
+    input: Tensor,
+    weight_first: Tensor,
+    bias_first: Tensor | None,
+    weight_second: Tensor,
+    bias_second: Tensor | None = None,
+    *,
+    relu_out: bool = False,
+) -> Tensor:
+    """relu_out( second( relu( first(input) ) ) )"""
+    between = conv3x3(input, weight_first, bias_first, relu_out=True)
+    return conv3x3(between, weight_second, bias_second, relu_out=relu_out)
+
+
 def resize(
     input: Tensor,
     size: tuple[int, int],
@@ -156,21 +177,30 @@ def stem(
 ) -> Tensor:
     """relu(scale * max_pool(conv(relu(conv(upsampled images - mean)))) + shift)"""
     x = torch.stack([left, right]).permute(0, 3, 1, 2).float() - mean[:, None, None]
-    x = F.interpolate(x, scale_factor=input_scale, mode="bilinear")
+    if input_scale > 1:
+        x = F.interpolate(x, scale_factor=input_scale, mode="bilinear")
     x = F.pad(x, (0, -x.shape[3] % multiple, 0, -x.shape[2] % multiple), mode="replicate")
     x = F.relu(F.conv2d(x, weight_first, bias_first, padding=1))
     return max_pool(F.conv2d(x, weight_second, padding=1, stride=2), scale, shift)
 
 
 def upsample_sum(
-    maps: Sequence[Tensor], ratios: Sequence[int], height: int, width: int, *, gain: float = 1.0
+    maps: Sequence[Tensor],
+    ratios: Sequence[int],
+    height: int,
+    width: int,
+    *,
+    gains: Sequence[float] = (),
+    side: float = 0.0,
 ) -> Tensor:
-    """gain * sum_i bilinear(maps[i]), cropped to height x width"""
+    """sum_i gains[i] * bilinear(maps[i]), cropped to height x width; the last map is smoothed first"""
+    axis = maps[0].new_tensor([side, 1 - 2 * side, side])
+    smooth = F.conv2d(F.pad(maps[-1][None, None], (1, 1, 1, 1), mode="replicate"), torch.outer(axis, axis)[None, None])
     upsampled = [
-        F.interpolate(m[None, None], scale_factor=ratio, mode="bilinear")[0, 0, :height, :width]
-        for m, ratio in zip(maps, ratios, strict=True)
+        gain * F.interpolate(m[None, None], scale_factor=ratio, mode="bilinear")[0, 0, :height, :width]
+        for m, ratio, gain in zip([*maps[:-1], smooth[0, 0]], ratios, gains or [1.0] * len(maps), strict=True)
     ]
-    return gain * torch.stack(upsampled).sum(0)
+    return torch.stack(upsampled).sum(0)
 
 
 def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
@@ -198,9 +228,18 @@ def max_pool(input: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     return _affine_relu(F.max_pool2d(input, 2), scale, shift)
 
 
-def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
-    """spatial_propagation with gates / (sum of the absolute values of each pixel's three + 1e-8)"""
-    return spatial_propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
+def normalized_propagation(
+    input: Tensor,
+    gates: Tensor,
+    direction: int,
+    *,
+    propagation: Callable[[Tensor, Tensor, int], Tensor] = spatial_propagation,
+) -> Tensor:
+    """spatial_propagation with gates / (sum of the absolute values of each pixel's three + 1e-8)
+
+    `propagation` may be the compiled operator.
+    """
+    return propagation(input, gates / (gates.abs().sum(1, keepdim=True) + 1e-8), direction)
 
 
 def occlusion_distances(disparity: Tensor) -> tuple[Tensor, Tensor]:

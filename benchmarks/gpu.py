@@ -1,25 +1,39 @@
-"""Times the CUDA operators on a GPU, or estimates them from the bytes they move.
+"""Times the network and the CUDA operators on a GPU, or estimates them from what they move and multiply.
 
-python benchmarks/gpu.py              # on a GPU: ours, PyTorch eager, torch.compile, and GB/s beside a plain copy
-python benchmarks/gpu.py --estimate   # anywhere: the table of docs/cuda.md
+python benchmarks/gpu.py              # on a GPU: ours, PyTorch eager, torch.compile, TensorRT; GB/s beside a copy
+python benchmarks/gpu.py --estimate   # anywhere: the tables of docs/cuda.md
 """
 
 from __future__ import annotations
 
+import argparse
+import math
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
+from itertools import islice
 from math import ceil
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
 
 import torch
-from measure import options
 from torch import Tensor
+from torch.profiler import ProfilerActivity, profile
+from torch.utils._python_dispatch import TorchDispatchMode
 
 import anynet_ext
 from anynet_ext import reference
 
-BANDWIDTH = {"H100": 3350e9, "RTX 4090": 1008e9, "Orin": 205e9}  # bytes per second, from the makers' data sheets
+if TYPE_CHECKING:
+    from anynet.model.deploy import StageResult
+
+# From the makers' data sheets: bytes per second, and float32 multiply-adds per second.
+BANDWIDTH = {"H100": 3350e9, "RTX 4090": 1008e9, "Orin": 205e9}
+MULTIPLY_ADDS = {"H100": 33.5e12, "RTX 4090": 41.3e12, "Orin": 2.65e12}
+GAP = 2e-6  # seconds from one kernel of a CUDA graph to the next: assumed
 FLOAT = 4
+KITTI = (375, 1242)
 
 
 @dataclass(frozen=True)
@@ -175,6 +189,69 @@ def spatial_propagation(c: int, h: int, w: int, direction: int) -> list[Workload
     ]
 
 
+def deployed(name: str, shape: str, make: Callable[[], tuple[Any, ...]], passes: float = 1) -> Workload:
+    """An operator of the deployed network. `passes`: how often its kernel reads the tensors that it is given."""
+
+    def ours(*args: Any) -> object:
+        return getattr(anynet_ext, name)(*args)
+
+    def eager(*args: Any) -> object:
+        return getattr(reference, name)(*args)
+
+    with torch.device("meta"):
+        args = make()
+        inputs = sum(t.nbytes for t in torch.utils._pytree.tree_leaves(args) if isinstance(t, Tensor))
+        out = getattr(anynet_ext, name)(*args).nbytes
+    return Workload(name, shape, inputs + out, int(passes * inputs) + out, make, ours, eager)
+
+
+def deployed_workloads() -> list[Workload]:
+    """The deployed network's calls on KITTI's images of 375x1242 pixels, with the packaged weights."""
+
+    def normal(*shape: int) -> Tensor:
+        return torch.randn(shape)
+
+    def image() -> Tensor:
+        return torch.zeros((*KITTI, 3), dtype=torch.uint8)
+
+    def stem(c: int) -> tuple[Any, ...]:
+        first = normal(3), normal(c, 3, 3, 3), normal(c)
+        return image(), image(), *first, normal(c, c, 3, 3), normal(c), normal(c)
+
+    halo = (17 * 67) / (16 * 64)
+    return [
+        deployed("stem", "C=1, 375x1242", lambda: stem(1), halo),
+        deployed("read_image", "factor 4", lambda: (image(), normal(3), normal(3), 4, 96, 312)),
+        deployed("max_pool", "C=2, 96x312", lambda: (normal(2, 2, 96, 312), normal(2), normal(2))),
+        deployed(
+            "upsample_sum", "3 maps to 375x1242",
+            lambda: ([normal(24, 78), normal(48, 156), normal(96, 312)], [16, 8, 4], *KITTI),
+        ),
+        deployed(
+            "upsample_concat", "4 + 8, 48x156",
+            lambda: (normal(2, 4, 48, 156), normal(2, 8, 24, 78), normal(12), normal(12)),
+        ),
+        deployed("upsample_add", "C=16, 24x47x156",
+                 lambda: (normal(1, 16, 24, 47, 156), normal(1, 16, 12, 24, 78), normal(16), normal(16))),
+        deployed("conv3x3x3", "16 to 16, 12x24x78", lambda: (normal(1, 16, 12, 24, 78), normal(16, 16, 3, 3, 3)),
+                 2 * 3 * (6 * 34) / (4 * 32)),
+        deployed(
+            "conv_pair", "4 to 4 to 4, 5x96x312",
+            lambda: (normal(1, 4, 5, 96, 312), normal(4, 4, 3, 3, 3), normal(4), normal(4, 4, 3, 3, 3), normal(4)),
+            (12 * 20) / (8 * 16),
+        ),
+        deployed("fill_occlusions", "96x312", lambda: (normal(1, 1, 96, 312), 4.0)),
+        deployed(
+            "normalized_propagation", "C=8, 96x312", lambda: (normal(1, 8, 96, 312), normal(1, 3, 8, 96, 312), 0)
+        ),
+        deployed("candidate_costs", "C=8, 4 groups, 188x621",
+                 lambda: (normal(2, 8, 188, 621), normal(1, 1, 188, 621), 4, -2, 2, 2)),
+        deployed("expected_disparity", "7, 188x621",
+                 lambda: (normal(1, 7, 188, 621), normal(1, 1, 188, 621), normal(1, 2, 188, 621), -2), 2),
+        deployed("convex_upsampling", "188x621", lambda: (normal(1, 1, 188, 621), normal(1, 32, 188, 621))),
+    ]  # fmt: skip
+
+
 def workloads() -> list[Workload]:
     """AnyNet's own calls on KITTI (368x1232), then sizes of larger stereo networks."""
     return [
@@ -210,20 +287,105 @@ def milliseconds(call: Callable[[], object]) -> float:
     return statistics.median(times)
 
 
-def measure() -> None:
+def launches(call: Callable[[], object]) -> int:
+    """Kernels that a call runs on the GPU; copies are none."""
+    call()
+    torch.cuda.synchronize()
+    with profile(activities=[ProfilerActivity.CUDA]) as profiler:
+        call()
+        torch.cuda.synchronize()
+    names = [event.name for event in profiler.events() if event.device_type == torch.autograd.DeviceType.CUDA]
+    return sum(not name.startswith(("Memcpy", "Memset")) for name in names)
+
+
+def measure_network(weights: str, until: float) -> None:
+    """Milliseconds until each stage's disparity is there at the images' size, everything on the GPU."""
+    from anynet import load_checkpoint
+    from anynet.model.deploy import DeployedAnyNet
+    from anynet.model.graphs import GraphedAnyNet
+
+    model = load_checkpoint(weights).cuda().eval()
+    network = DeployedAnyNet(model)
+    graphs = GraphedAnyNet(network)
+    stages = model.config.stages
+    left, right = (torch.randint(0, 256, (*KITTI, 3), dtype=torch.uint8, device="cuda") for _ in range(2))
+    print(f"\n{weights}, {KITTI[0]}x{KITTI[1]}\n")
+    print(f"| | batch | | {' | '.join(f'stage {s} ms' for s in range(1, stages + 1))} | launches |")
+    print("| --- | --: | --- |" + " --: |" * (stages + 1))
+
+    def row(name: str, batch: int, dtype: str, to_stage: Callable[[int], object], last_only: bool = False) -> None:
+        times = " | ".join(
+            "-" if last_only and s < stages else f"{milliseconds(lambda: to_stage(s)):.3f}"  # noqa: B023
+            for s in range(1, stages + 1)
+        )
+        print(f"| {name} | {batch} | {dtype} | {times} | {launches(lambda: to_stage(stages))} |", flush=True)
+
+    def pairs(steps: Callable[[Tensor, Tensor], Iterator[StageResult]], batch: int) -> Callable[[int], None]:
+        def to_stage(stage: int) -> None:
+            for _ in range(batch):
+                *_, result = islice(steps(left, right), stage)
+                result()
+
+        return to_stage
+
+    with torch.inference_mode():
+        for batch in (1, 8):
+            row("ours", batch, "float32", pairs(graphs.stages, batch))
+            row("ours without graphs", batch, "float32", pairs(network.stages, batch))
+    with torch.no_grad():
+        for batch in (1, 8):
+            images = [torch.randn(batch, 3, *KITTI, device="cuda") for _ in range(2)]
+            for dtype in (torch.float32, torch.bfloat16):
+                for name, forward in peers(model):
+                    if perf_counter() > until:
+                        print(f"| {name} | {batch} | {dtype} | not measured: --seconds are over |")
+                        continue
+
+                    def to_stage(stage: int, forward: Any = forward, images: Any = images, dtype: Any = dtype) -> None:
+                        with torch.autocast("cuda", torch.bfloat16, enabled=dtype == torch.bfloat16):
+                            forward(*images, stage)
+
+                    try:
+                        compiles = name != "PyTorch eager"  # every stage anew, for minutes
+                        row(name, batch, str(dtype).removeprefix("torch."), to_stage, last_only=compiles)
+                    except Exception as error:  # another's compiler: say so and go on
+                        print(f"| {name} | {batch} | {dtype} | {type(error).__name__}: {str(error).splitlines()[0]} |")
+
+
+def peers(model: torch.nn.Module) -> Iterator[tuple[str, Callable[..., object]]]:
+    """The network as it trains, on normalized images."""
+    yield "PyTorch eager", model
+    yield "torch.compile, max-autotune", torch.compile(model, mode="max-autotune", dynamic=False)
+    if find_spec("torch_tensorrt") is not None:
+        import torch_tensorrt  # noqa: F401  (registers the backend)
+
+        yield "TensorRT", torch.compile(model, backend="torch_tensorrt", dynamic=False)
+
+
+def measure(seconds: float) -> None:
     torch.manual_seed(0)
+    until = perf_counter() + seconds
+    measure_operators()
+    for weights in ("default", "large"):
+        measure_network(weights, until)
+
+
+def measure_operators() -> None:
     source = torch.empty(256 << 20, dtype=torch.int8, device="cuda")
     target = torch.empty_like(source)
     copy = 2 * source.numel() / milliseconds(lambda: target.copy_(source)) / 1e6
-    print(f"{torch.cuda.get_device_name()}, torch {torch.__version__}; a copy of 256 MiB: {copy:.0f} GB/s\n")
+    print(f"\n{torch.cuda.get_device_name()}, torch {torch.__version__}; a copy of 256 MiB: {copy:.0f} GB/s\n")
     print("| operator | size | ms | GB/s | of a copy | eager ms | torch.compile ms |")
     print("| --- | --- | --: | --: | --: | --: | --: |")
-    for work in workloads():
-        inputs = work.make()
+    for work in [*workloads(), *deployed_workloads()]:
+        with torch.device("cuda"):
+            inputs = work.make()
         ours = milliseconds(lambda: work.ours(*inputs))  # noqa: B023
         eager = milliseconds(lambda: work.eager(*inputs))  # noqa: B023
         compiled = "-"
-        if "backward" not in work.name and "propagation" not in work.name:  # a compiled scan unrolls every column
+        if not any(
+            part in work.name for part in ("backward", "propagation", "occlusions")
+        ):  # a compiled scan unrolls every column
             function = torch.compile(work.eager, dynamic=False)
             compiled = f"{milliseconds(lambda: function(*inputs)):.4f}"  # noqa: B023
         speed = work.fewest / ours / 1e6
@@ -232,22 +394,87 @@ def measure() -> None:
         )
 
 
+class Work(TorchDispatchMode):
+    """Adds up what the operators of a network move and multiply: every tensor read once and written once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.launches = self.bytes = self.multiply_adds = 0
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        out = func(*args, **(kwargs or {}))
+        results = func._schema.returns
+        view = all(r.alias_info is not None and not r.alias_info.is_write for r in results)
+        if view or "empty" in func._opname:
+            return out
+        self.launches += 1
+        tensors = [t for t in torch.utils._pytree.tree_leaves([args, out]) if isinstance(t, Tensor)]
+        self.bytes += sum(t.nbytes for t in tensors)
+        weights = [t for t in tensors[:-1] if t.dim() >= 4 and t.shape[-1] == 3]
+        if "conv" in func._opname and weights:
+            self.multiply_adds += sum(w[0].numel() * w.shape[0] for w in weights) * out[0, 0].numel()
+        elif func._opname == "stem":
+            first, second = weights
+            self.multiply_adds += 2 * KITTI[0] * KITTI[1] * (first.numel() + second.numel() / 4)
+        return out
+
+
+def estimate_network(weights: str) -> None:
+    from anynet import load_checkpoint
+    from anynet.model.deploy import DeployedAnyNet
+
+    network = DeployedAnyNet(load_checkpoint(weights))
+    images = [torch.zeros((*KITTI, 3), dtype=torch.uint8) for _ in range(2)]
+    print(f"\n{weights}, {KITTI[0]}x{KITTI[1]}\n")
+    print(f"| stage | operators | MB | GMAC | {' | '.join(f'{gpu} µs' for gpu in BANDWIDTH)} |")
+    print("| --- | --: | --: | --: |" + " --: |" * len(BANDWIDTH))
+
+    def row(name: str, work: Work) -> None:
+        seconds = [
+            max(work.bytes / BANDWIDTH[gpu], work.multiply_adds / MULTIPLY_ADDS[gpu]) + GAP * work.launches
+            for gpu in BANDWIDTH
+        ]
+        times = " | ".join(f"{1e6 * each:.0f}" for each in seconds)
+        print(f"| {name} | {work.launches} | {work.bytes / 1e6:.1f} | {work.multiply_adds / 1e9:.3f} | {times} |")
+
+    total = Work()
+    with torch.inference_mode():
+        steps = network.stages(*images)
+        for stage in range(1, network.config.stages + 1):
+            with Work() as work:
+                result = next(steps)
+            row(str(stage), work)
+            for name in ("launches", "bytes", "multiply_adds"):
+                setattr(total, name, getattr(total, name) + getattr(work, name))
+        with Work() as work:
+            result()
+        row("at the images' size", work)
+    for name in ("launches", "bytes", "multiply_adds"):
+        setattr(total, name, getattr(total, name) + getattr(work, name))
+    row("all", total)
+
+
 def estimate() -> None:
+    for weights in ("default", "large"):
+        estimate_network(weights)
+    print()
     print(f"| operator | size | fewest MB | as coded MB | {' | '.join(f'{gpu} µs' for gpu in BANDWIDTH)} |")
     print("| --- | --- | --: | --: |" + " --: |" * len(BANDWIDTH))
-    for work in workloads():
+    for work in [*workloads(), *deployed_workloads()]:
         times = " | ".join(f"{work.coded / speed * 1e6:.1f}" for speed in BANDWIDTH.values())
         print(f"| {work.name} | {work.shape} | {work.fewest / 1e6:.2f} | {work.coded / 1e6:.2f} | {times} |")
 
 
 if __name__ == "__main__":
-    parser = options(__doc__, threads=None)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
         "--estimate", action="store_true", help="no GPU: bytes moved, and the time that follows from it"
     )
-    if parser.parse_args().estimate:
+    parser.add_argument("--seconds", type=float, default=math.inf, help="begin with no other network after that")
+    arguments = parser.parse_args()
+    if arguments.estimate:
         estimate()
     elif torch.cuda.is_available():
-        measure()
+        measure(arguments.seconds)
     else:
         print("no GPU: nothing measured (--estimate prints what to expect)")

@@ -181,7 +181,7 @@ def goals(times: dict[str, list[float]], work: dict[str, int], memory: float) ->
 
 def main() -> None:
     parser = options(__doc__)
-    parser.add_argument("--weights", default="default")
+    parser.add_argument("--weights", default="paper")
     parser.add_argument("--rounds", type=int, default=40)
     parser.add_argument("--no-peers", action="store_true", help="only ours and the limits")
     parser.add_argument("--sizes", action="store_true", help="also how the time grows with the image")

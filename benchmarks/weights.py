@@ -20,7 +20,7 @@ from anynet.evaluation.opencv import bm, sgbm
 from anynet.predictor import Estimate
 from anynet.synthetic import render
 
-SCALES = {"default": (1, 1.25, 1.5, 2), "large": (1, 1.5, 2, 3), "kitti": (1, 2)}
+SCALES = {"paper": (1, 1.5, 2), "default": (1, 1.5, 2), "large": (1, 1.5, 2, 3), "kitti": (1, 2)}
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Fits the confidence model of weights, and writes it beside them as NAME.confidence.json.
 
-    anynet render --out rendered --count 64 --seed 500000
+    anynet render --out rendered --count 64 --seed 600000
     python recipes/confidence.py --weights default --rendered rendered --real "kitti2015:DATA/kitti2015?without=VAL.TXT"
 
 A logistic regression on pixels of rendered pairs, whose truth is dense and exact, tells what speaks for and against a

@@ -11,7 +11,7 @@ namespace {
 
 void bind_upsample(pybind11::module_& m) {
   m.def("upsample_sum", [](Isa isa, const std::vector<Contiguous<float>>& maps, const std::vector<int64_t>& ratios,
-                           float gain, int64_t height, int64_t width, int threads) {
+                           const std::vector<float>& gains, float side, int64_t height, int64_t width, int threads) {
     Contiguous<float> out({height, width});
     UpsampleSum<float> args{};
     args.count = static_cast<int>(maps.size());
@@ -20,8 +20,9 @@ void bind_upsample(pybind11::module_& m) {
       args.height[i] = maps[i].shape(0);
       args.width[i] = maps[i].shape(1);
       args.ratio[i] = ratios[i];
+      args.gain[i] = gains[i];
     }
-    args.gain = gain;
+    args.side = side;
     args.out_height = height;
     args.out_width = width;
     args.out = out.mutable_data();

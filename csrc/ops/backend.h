@@ -47,6 +47,7 @@ inline cuda::Stream current_stream(torch::stable::accelerator::DeviceIndex devic
 #define ANYNET_NAMESPACE anynet_cuda_emulated
 #define ANYNET_RUN(kernel, args, tensor) ::anynet::cuda::kernel(args, nullptr)
 #else
+#define ANYNET_OPS_CPU
 #define ANYNET_NAMESPACE anynet
 #define ANYNET_RUN(kernel, args, tensor) ::anynet::kernel(chosen_isa(), args, num_threads())
 #endif

@@ -75,7 +75,8 @@ std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, 
 }  // namespace
 
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
-  ANYNET_SCHEMA(m, "batch_norm_relu(Tensor input, Tensor weight, Tensor bias, float eps) -> (Tensor, Tensor, Tensor)");
+  ANYNET_SCHEMA(
+      m, "batch_norm_relu(Tensor input, Tensor weight, Tensor bias, float eps=1e-05) -> (Tensor, Tensor, Tensor)");
   ANYNET_SCHEMA(
       m,
       "batch_norm_relu_backward(Tensor grad, Tensor input, Tensor weight, Tensor bias, Tensor mean, Tensor variance, "

@@ -1,6 +1,6 @@
 #include "../kernels/candidates/candidates.h"
 
-#include "tensor.h"
+#include "backend.h"
 
 namespace anynet::ops {
 namespace {
@@ -28,7 +28,7 @@ Tensor candidate_costs(const Tensor& features, const Tensor& disparity, int64_t 
   const CandidateCosts<float> args{
       channels, groups,   height, width,           data<float>(features), data<float>(disparity),
       first,    span + 1, radius, data<float>(out)};
-  anynet::candidate_costs(chosen_isa(), args, num_threads());
+  ANYNET_RUN(candidate_costs, args, features);
   return out;
 }
 
@@ -49,19 +49,21 @@ Tensor expected_disparity(const Tensor& cost, const Tensor& disparity, const Ten
                                       data<float>(offsets),
                                       static_cast<float>(first),
                                       data<float>(out)};
-  anynet::expected_disparity(chosen_isa(), args, num_threads());
+  ANYNET_RUN(expected_disparity, args, cost);
   return out;
 }
 
 }  // namespace
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   ANYNET_SCHEMA(
       m, "candidate_costs(Tensor features, Tensor disparity, int groups, int first, int last, int radius) -> Tensor");
   ANYNET_SCHEMA(m, "expected_disparity(Tensor cost, Tensor disparity, Tensor offsets, int first) -> Tensor");
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("candidate_costs", TORCH_BOX(&candidate_costs));
   m.impl("expected_disparity", TORCH_BOX(&expected_disparity));
 }

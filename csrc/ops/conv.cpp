@@ -4,7 +4,7 @@
 #include <tuple>
 #include <vector>
 
-#include "tensor.h"
+#include "backend.h"
 
 namespace anynet::ops {
 namespace {
@@ -58,11 +58,12 @@ void check_conv_weight(const Tensor& weight, int64_t dimensions, int64_t in_chan
 }
 
 void check_conv_vector(const std::optional<Tensor>& vector, const char* name, int64_t dimensions, int64_t channels,
-                       ScalarType dtype) {
+                       const Tensor& input) {
   if (!vector) return;
-  ANYNET_CHECK(vector->dim() == 1 && vector->size(0) == channels && vector->scalar_type() == dtype,
+  ANYNET_CHECK(vector->dim() == 1 && vector->size(0) == channels && vector->scalar_type() == input.scalar_type(),
                conv_name(dimensions), ": expected ", name, " of shape [", channels, "] and the input's dtype, got ",
                shape(*vector));
+  check_device(conv_name(dimensions), name, *vector, input);
 }
 
 using torch::stable::contiguous;
@@ -87,9 +88,10 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
   check_conv_input(input, dimensions, stride);
   check_conv_weight(weight, dimensions, input.size(1));
   ANYNET_CHECK(weight.scalar_type() == dtype, conv_name(dimensions), ": input and weight must have one dtype");
-  check_conv_vector(bias, "bias", dimensions, weight.size(0), dtype);
-  check_conv_vector(scale, "scale", dimensions, input.size(1), dtype);
-  check_conv_vector(shift, "shift", dimensions, input.size(1), dtype);
+  check_device(conv_name(dimensions), "weight", weight, input);
+  check_conv_vector(bias, "bias", dimensions, weight.size(0), input);
+  check_conv_vector(scale, "scale", dimensions, input.size(1), input);
+  check_conv_vector(shift, "shift", dimensions, input.size(1), input);
   ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),
                ": expected both or none of scale and shift");
   const Tensor x = contiguous(input), w = contiguous(weight);
@@ -106,11 +108,55 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
                        relu_in,
                        relu_out,
                        static_cast<T*>(out.mutable_data_ptr())};
-    anynet::conv(chosen_isa(), args, num_threads());
+    ANYNET_RUN(conv, args, input);
   });
   return out;
 }
 
+/// [out_channels, in_channels, 3, 3] or with a third 3, and its bias.
+void check_pair_layer(const Tensor& input, const Tensor& weight, const char* name, const std::optional<Tensor>& bias,
+                      const char* bias_name, int64_t in_channels) {
+  check_contiguous("conv_pair", name, weight, input.dim());
+  if (input.dim() == 4) {
+    check_tensor("conv_pair", name, weight, {weight.size(0), in_channels, 3, 3}, input);
+  } else {
+    check_tensor("conv_pair", name, weight, {weight.size(0), in_channels, 3, 3, 3}, input);
+  }
+  if (!bias) return;
+  check_contiguous("conv_pair", bias_name, *bias, 1);
+  check_tensor("conv_pair", bias_name, *bias, {weight.size(0)}, input);
+}
+
+Tensor conv_pair(const Tensor& input, const Tensor& weight_first, std::optional<Tensor> bias_first,
+                 const Tensor& weight_second, std::optional<Tensor> bias_second, bool relu_out) {
+  const int64_t dimensions = input.dim() == 5 ? 3 : 2;
+  check_contiguous("conv_pair", "input", input, dimensions + 2);
+  check_pair_layer(input, weight_first, "weight_first", bias_first, "bias_first", input.size(1));
+  check_pair_layer(input, weight_second, "weight_second", bias_second, "bias_second", weight_first.size(0));
+  check_conv_input(input, dimensions, 1);
+#ifndef ANYNET_OPS_CPU
+  const ConvShape shape = conv_shape(sizes(input), weight_first.size(0), 1);
+  if (cuda::conv_pair_fits(shape)) {
+    Tensor out = new_tensor(input, conv_out_sizes(sizes(input), weight_second.size(0), 1));
+    const ConvPair<float> args{shape,
+                               weight_second.size(0),
+                               const_data<float>(input),
+                               const_data<float>(weight_first),
+                               data<float>(bias_first),
+                               const_data<float>(weight_second),
+                               data<float>(bias_second),
+                               relu_out,
+                               static_cast<float*>(out.mutable_data_ptr())};
+    ANYNET_RUN(conv_pair, args, input);
+    return out;
+  }
+#endif
+  const auto convolution = dimensions == 2 ? conv<2> : conv<3>;
+  const Tensor between = convolution(input, weight_first, bias_first, std::nullopt, std::nullopt, 1, false, true);
+  return convolution(between, weight_second, bias_second, std::nullopt, std::nullopt, 1, false, relu_out);
+}
+
+#ifdef ANYNET_OPS_CPU  // on CUDA the derivatives are PyTorch's (anynet_ext/_conv.py)
 template <int64_t dimensions>
 Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::optional<Tensor> before,
                            std::vector<int64_t> input_size, int64_t stride) {
@@ -142,8 +188,8 @@ std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor
                    grad.scalar_type() == input.scalar_type(),
                conv_name(dimensions), ": expected grad of the output's shape and dtype for input ", shape(input),
                ", got ", shape(grad));
-  check_conv_vector(scale, "scale", dimensions, input.size(1), input.scalar_type());
-  check_conv_vector(shift, "shift", dimensions, input.size(1), input.scalar_type());
+  check_conv_vector(scale, "scale", dimensions, input.size(1), input);
+  check_conv_vector(shift, "shift", dimensions, input.size(1), input);
   ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),
                ": expected both or none of scale and shift");
   const Tensor g = contiguous(grad), x = contiguous(input);
@@ -165,15 +211,17 @@ std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor
   });
   return {grad_weight, grad_bias};
 }
+#endif
 
 }  // namespace
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   for (const std::string name : {"conv3x3", "conv3x3x3"}) {
     ANYNET_SCHEMA(
         m,
-        (name + "(Tensor input, Tensor weight, Tensor? bias, Tensor? scale, Tensor? shift, int stride, bool relu_in, "
-                "bool relu_out) -> Tensor")
+        (name + "(Tensor input, Tensor weight, Tensor? bias=None, Tensor? scale=None, Tensor? shift=None, int stride=1, "
+                "bool relu_in=False, bool relu_out=False) -> Tensor")
             .c_str());
     ANYNET_SCHEMA(
         m, (name +
@@ -185,15 +233,22 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
                 "-> (Tensor, Tensor)")
             .c_str());
   }
+  ANYNET_SCHEMA(m,
+                "conv_pair(Tensor input, Tensor weight_first, Tensor? bias_first, Tensor weight_second, "
+                "Tensor? bias_second, bool relu_out) -> Tensor");
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("conv3x3", TORCH_BOX(&conv<2>));
+  m.impl("conv3x3x3", TORCH_BOX(&conv<3>));
+  m.impl("conv_pair", TORCH_BOX(&conv_pair));
+#ifdef ANYNET_OPS_CPU
   m.impl("conv3x3_backward_input", TORCH_BOX(&conv_backward_input<2>));
   m.impl("conv3x3_backward_weight", TORCH_BOX(&conv_backward_weight<2>));
-  m.impl("conv3x3x3", TORCH_BOX(&conv<3>));
   m.impl("conv3x3x3_backward_input", TORCH_BOX(&conv_backward_input<3>));
   m.impl("conv3x3x3_backward_weight", TORCH_BOX(&conv_backward_weight<3>));
+#endif
 }
 
 }  // namespace anynet::ops

@@ -1,6 +1,6 @@
 #include "../kernels/convex_upsampling/convex_upsampling.h"
 
-#include "tensor.h"
+#include "backend.h"
 
 namespace anynet::ops {
 namespace {
@@ -14,16 +14,20 @@ Tensor convex_upsampling(const Tensor& input, const Tensor& logits) {
   Tensor out = empty_like(input, {n, 1, 2 * height, 2 * width});
   if (out.numel() == 0) return out;
   const ConvexUpsampling<float> args{n, height, width, data<float>(input), data<float>(logits), data<float>(out)};
-  anynet::convex_upsampling(chosen_isa(), args, num_threads());
+  ANYNET_RUN(convex_upsampling, args, input);
   return out;
 }
 
 }  // namespace
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   ANYNET_SCHEMA(m, "convex_upsampling(Tensor input, Tensor logits) -> Tensor");
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) { m.impl("convex_upsampling", TORCH_BOX(&convex_upsampling)); }
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
+  m.impl("convex_upsampling", TORCH_BOX(&convex_upsampling));
+}
 
 }  // namespace anynet::ops

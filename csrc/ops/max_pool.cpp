@@ -1,6 +1,6 @@
 #include "../kernels/max_pool/max_pool.h"
 
-#include "tensor.h"
+#include "backend.h"
 
 namespace anynet::ops {
 namespace {
@@ -11,16 +11,18 @@ Tensor max_pool(const Tensor& input, const Tensor& scale, const Tensor& shift) {
   Tensor out = empty_like(input, {input.size(0), input.size(1), input.size(2) / 2, input.size(3) / 2});
   const MaxPool<float> args{input.size(0),      input.size(1), input.size(2),   input.size(3),
                             data<float>(input), epilogue,      data<float>(out)};
-  anynet::max_pool(chosen_isa(), args, num_threads());
+  ANYNET_RUN(max_pool, args, input);
   return out;
 }
 
 }  // namespace
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   ANYNET_SCHEMA(m, "max_pool(Tensor input, Tensor scale, Tensor shift) -> Tensor");
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) { m.impl("max_pool", TORCH_BOX(&max_pool)); }
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) { m.impl("max_pool", TORCH_BOX(&max_pool)); }
 
 }  // namespace anynet::ops

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "tensor.h"
+#include "backend.h"
 
 namespace anynet::ops {
 namespace {
@@ -15,16 +15,20 @@ Tensor fill_occlusions(const Tensor& disparity, double pixel) {
   const int64_t width = disparity.size(3);
   const FillOcclusions<float> args{disparity.numel() / width, width, data<float>(disparity), static_cast<float>(pixel),
                                    data<float>(out)};
-  anynet::fill_occlusions(chosen_isa(), args, num_threads());
+  ANYNET_RUN(fill_occlusions, args, disparity);
   return out;
 }
 
 }  // namespace
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   ANYNET_SCHEMA(m, "fill_occlusions(Tensor disparity, float pixel) -> Tensor");
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) { m.impl("fill_occlusions", TORCH_BOX(&fill_occlusions)); }
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
+  m.impl("fill_occlusions", TORCH_BOX(&fill_occlusions));
+}
 
 }  // namespace anynet::ops

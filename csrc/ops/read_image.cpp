@@ -1,6 +1,6 @@
 #include "../kernels/read_image/read_image.h"
 
-#include "tensor.h"
+#include "backend.h"
 
 namespace anynet::ops {
 namespace {
@@ -8,6 +8,7 @@ namespace {
 Tensor read_image(const Tensor& image, const Tensor& mean, const Tensor& std, int64_t factor, int64_t block,
                   int64_t height, int64_t width) {
   check_image("read_image", image);
+  check_device("read_image", "image", image, mean);
   check_contiguous("read_image", "mean", mean, 1);
   check_tensor("read_image", "mean", mean, {3}, mean);
   check_contiguous("read_image", "std", std, 1);
@@ -18,19 +19,21 @@ Tensor read_image(const Tensor& image, const Tensor& mean, const Tensor& std, in
   Tensor out = empty_like(mean, {1, 3 * block * block, height, width});
   const ReadImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   factor, block, height, width,
                               data<float>(mean),    data<float>(std), data<float>(out)};
-  anynet::read_image(chosen_isa(), args, num_threads());
+  ANYNET_RUN(read_image, args, mean);
   return out;
 }
 
 }  // namespace
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   ANYNET_SCHEMA(
       m,
       "read_image(Tensor image, Tensor mean, Tensor std, int factor, int block, SymInt height, SymInt width) -> "
       "Tensor");
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) { m.impl("read_image", TORCH_BOX(&read_image)); }
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) { m.impl("read_image", TORCH_BOX(&read_image)); }
 
 }  // namespace anynet::ops

@@ -42,7 +42,7 @@ Tensor soft_argmin_backward(const Tensor& grad, const Tensor& cost, int64_t firs
 
 #ifdef ANYNET_DEFINE_SCHEMAS
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
-  ANYNET_SCHEMA(m, "soft_argmin(Tensor cost, int first) -> Tensor");
+  ANYNET_SCHEMA(m, "soft_argmin(Tensor cost, int first=0) -> Tensor");
   ANYNET_SCHEMA(m, "soft_argmin_backward(Tensor grad, Tensor cost, int first) -> Tensor");
 }
 #endif

@@ -1,6 +1,6 @@
 #include "../kernels/stem/stem.h"
 
-#include "tensor.h"
+#include "backend.h"
 
 namespace anynet::ops {
 
@@ -9,6 +9,8 @@ Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const T
             int64_t input_scale, int64_t multiple) {
   check_image("stem", left);
   check_image("stem", right);
+  check_device("stem", "left", left, mean);
+  check_device("stem", "right", right, mean);
   ANYNET_CHECK(right.size(0) == left.size(0) && right.size(1) == left.size(1),
                "stem: expected images of one size, got ", shape(left), " and ", shape(right));
   ANYNET_CHECK(input_scale == 1 || input_scale == 2, "stem: expected input_scale 1 or 2, got ", input_scale);
@@ -39,17 +41,19 @@ Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const T
                          data<float>(weight_second),
                          epilogue,
                          data<float>(out)};
-  anynet::stem(chosen_isa(), args, num_threads());
+  ANYNET_RUN(stem, args, mean);
   return out;
 }
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   ANYNET_SCHEMA(
       m,
       "stem(Tensor left, Tensor right, Tensor mean, Tensor weight_first, Tensor bias_first, Tensor weight_second, "
-      "Tensor scale, Tensor shift, int input_scale, int multiple) -> Tensor");
+      "Tensor scale, Tensor shift, int input_scale=1, int multiple=4) -> Tensor");
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) { m.impl("stem", TORCH_BOX(&stem)); }
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) { m.impl("stem", TORCH_BOX(&stem)); }
 
 }  // namespace anynet::ops

@@ -43,6 +43,10 @@ template <class... Parts>
 #define ANYNET_CHECK(condition, ...) \
   if (!(condition)) ::anynet::ops::fail(__VA_ARGS__)
 
+inline void check_device(const char* op, const char* name, const Tensor& t, const Tensor& first) {
+  ANYNET_CHECK(t.device() == first.device(), op, ": expected all tensors on one device, but ", name, " is on another");
+}
+
 /// Checks that `t` has the given sizes, and the dtype and device of `first`, the call's first tensor.
 inline void check_tensor(const char* op, const char* name, const Tensor& t, std::initializer_list<int64_t> sizes,
                          const Tensor& first) {
@@ -57,7 +61,7 @@ inline void check_tensor(const char* op, const char* name, const Tensor& t, std:
   ANYNET_CHECK(t.scalar_type() == first.scalar_type(), op, ": expected all tensors of one dtype, got ",
                torch::headeronly::toString(first.scalar_type()), " and, for ", name, ", ",
                torch::headeronly::toString(t.scalar_type()));
-  ANYNET_CHECK(t.device() == first.device(), op, ": expected all tensors on one device, but ", name, " is on another");
+  check_device(op, name, t, first);
 }
 
 /// Checks that `t` is a tensor as the deployed network's operators take it.

@@ -2,15 +2,19 @@
 
 #include <vector>
 
-#include "tensor.h"
+#include "backend.h"
 
 namespace anynet::ops {
 namespace {
 
-Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>& ratios, double gain, int64_t height,
-                    int64_t width) {
-  ANYNET_CHECK(!maps.empty() && maps.size() <= max_maps && maps.size() == ratios.size(), "upsample_sum: expected 1 to ",
-               max_maps, " maps and as many ratios, got ", maps.size(), " and ", ratios.size());
+Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>& ratios,
+                    const std::vector<double>& gains, double side, int64_t height, int64_t width) {
+  ANYNET_CHECK(!maps.empty() && maps.size() <= max_maps && maps.size() == ratios.size() &&
+                   (gains.empty() || maps.size() == gains.size()),
+               "upsample_sum: expected 1 to ", max_maps, " maps, as many ratios, and as many gains or none, got ",
+               maps.size(), ", ", ratios.size(), " and ", gains.size());
+  ANYNET_CHECK(side >= 0 && side <= 0.5 && (side == 0 || ratios.back() == 1),
+               "upsample_sum: expected side 0 to 0.5, and 0 if the last ratio is not 1, got ", side);
   check_size("upsample_sum", height, width);
   UpsampleSum<float> args{};
   args.count = static_cast<int>(maps.size());
@@ -28,19 +32,21 @@ Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>&
     args.height[i] = map.size(0);
     args.width[i] = map.size(1);
     args.ratio[i] = ratios[i];
+    args.gain[i] = gains.empty() ? 1 : static_cast<float>(gains[i]);
   }
   Tensor out = empty_like(maps[0], {height, width});
-  args.gain = static_cast<float>(gain);
+  args.side = static_cast<float>(side);
   args.out_height = height;
   args.out_width = width;
   args.out = data<float>(out);
-  anynet::upsample_sum(chosen_isa(), args, num_threads());
+  ANYNET_RUN(upsample_sum, args, out);
   return out;
 }
 
 Tensor upsample_concat(const Tensor& skip, const Tensor& coarse, const Tensor& scale, const Tensor& shift) {
   check_contiguous("upsample_concat", "skip", skip, 4);
   check_contiguous("upsample_concat", "coarse", coarse, 4);
+  check_device("upsample_concat", "coarse", coarse, skip);
   ANYNET_CHECK(skip.size(0) == coarse.size(0) && coarse.numel() > 0,
                "upsample_concat: expected coarse of skip's batch size, with at least one pixel, got ", shape(coarse));
   check_size("upsample_concat", coarse.size(2), coarse.size(3));
@@ -51,13 +57,14 @@ Tensor upsample_concat(const Tensor& skip, const Tensor& coarse, const Tensor& s
   const UpsampleConcat<float> args{skip.size(0),        skip.size(1),   coarse.size(1),  skip.size(2),
                                    skip.size(3),        coarse.size(2), coarse.size(3),  data<float>(skip),
                                    data<float>(coarse), epilogue,       data<float>(out)};
-  anynet::upsample_concat(chosen_isa(), args, num_threads());
+  ANYNET_RUN(upsample_concat, args, skip);
   return out;
 }
 
 Tensor upsample_add(const Tensor& input, const Tensor& coarse, const Tensor& scale, const Tensor& shift) {
   check_contiguous("upsample_add", "input", input, 5);
   check_contiguous("upsample_add", "coarse", coarse, 5);
+  check_device("upsample_add", "coarse", coarse, input);
   ANYNET_CHECK(input.size(0) == coarse.size(0) && input.size(1) == coarse.size(1) && coarse.numel() > 0,
                "upsample_add: expected coarse of input's batch size and channels, with at least one voxel, got ",
                shape(coarse));
@@ -68,19 +75,22 @@ Tensor upsample_add(const Tensor& input, const Tensor& coarse, const Tensor& sca
   const UpsampleAdd<float> args{input.size(0),      input.size(1),       input.size(2),  input.size(3),
                                 input.size(4),      coarse.size(2),      coarse.size(3), coarse.size(4),
                                 data<float>(input), data<float>(coarse), epilogue,       data<float>(out)};
-  anynet::upsample_add(chosen_isa(), args, num_threads());
+  ANYNET_RUN(upsample_add, args, input);
   return out;
 }
 
 }  // namespace
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
-  ANYNET_SCHEMA(m, "upsample_sum(Tensor[] maps, int[] ratios, float gain, SymInt height, SymInt width) -> Tensor");
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
+  ANYNET_SCHEMA(
+      m, "upsample_sum(Tensor[] maps, int[] ratios, float[] gains, float side, SymInt height, SymInt width) -> Tensor");
   ANYNET_SCHEMA(m, "upsample_concat(Tensor skip, Tensor coarse, Tensor scale, Tensor shift) -> Tensor");
   ANYNET_SCHEMA(m, "upsample_add(Tensor input, Tensor coarse, Tensor scale, Tensor shift) -> Tensor");
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("upsample_sum", TORCH_BOX(&upsample_sum));
   m.impl("upsample_concat", TORCH_BOX(&upsample_concat));
   m.impl("upsample_add", TORCH_BOX(&upsample_add));

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from time import perf_counter
 from typing import Any
 
@@ -17,10 +18,12 @@ import torch
 from numpy.typing import NDArray
 
 from anynet.checkpoint import PACKAGED, find_weights, load_checkpoint
-from anynet.errors import AnyNetError
-from anynet.frame import Frame, check_images
+from anynet.device import DeviceClock, find_device
+from anynet.errors import AnyNetError, one_line
+from anynet.frame import Frame, Image, check_images
 from anynet.model.confidence import ConfidenceModel
 from anynet.model.deploy import DeployedAnyNet
+from anynet.model.graphs import GraphedAnyNet
 from anynet.scheduler import MAX_THREADS, LatencyTable
 from anynet.shutdown import computing
 
@@ -33,7 +36,8 @@ class Estimate:
 
     Attributes:
         stage: 1, the coarsest, to the number of stages, 4 for all packaged weights.
-        disparity: [H, W] float32, in pixels of the input: left pixel (y, x) is right pixel (y, x - d).
+        disparity: [H, W] float32, in pixels of the input: left pixel (y, x) is right pixel (y, x - d). Like all maps,
+            an array, or, of images that are tensors, a tensor on their device.
         elapsed_ms: milliseconds from the start of the frame until this estimate was there.
         confidence: [H, W] float32, the probability that the disparity is less than 3 pixels or 5 % off; None unless
             asked for.
@@ -54,33 +58,49 @@ class Predictor:
 
     Args:
         weights: the name of packaged weights, or a path (see `anynet.load_checkpoint`).
+        device: "cpu"; "cuda", the current GPU; "cuda:1", that one; "auto", the first GPU if there is one, else the CPU.
+            On a GPU, the first frame of a size takes longer: it captures CUDA graphs, which the others replay.
         threads: CPU threads to compute on; default: as many as PyTorch uses.
         input_scale: resize the images by this factor first. Above 1 for finer disparity (2 takes four times as long),
             below 1 for images larger than the network was made for, with more than 192 pixels of disparity, or to save
             time. Default: what the weights say.
+
+    Raises:
+        AnyNetError: if an argument is not that, or the weights or the device cannot be used.
     """
 
     def __init__(
         self,
         weights: str | os.PathLike[str] = "default",
         *,
+        device: str = "cpu",
         threads: int | None = None,
         input_scale: float | None = None,
     ) -> None:
         if threads is not None and (type(threads) is not int or not 1 <= threads <= MAX_THREADS):
             raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
-        self._network = DeployedAnyNet(load_checkpoint(weights, input_scale))
+        self.device = find_device(device)
+        network = DeployedAnyNet(load_checkpoint(weights, input_scale))
+        self._network: DeployedAnyNet | GraphedAnyNet = network
+        self._clock: HostClock | DeviceClock = HostClock()
+        self._process = os.getpid()
+        if self.device.type == "cuda":
+            try:
+                self._network = GraphedAnyNet(network.to(self.device))
+            except RuntimeError as error:  # of CUDA
+                raise AnyNetError(f"device {device!r}: {one_line(error)}") from error
+            self._clock = DeviceClock(self.device)
         self._weights = weights
         self._confidence: ConfidenceModel | None = None
-        self.config = self._network.config
+        self.config = network.config
         self.threads = threads
         self._latencies = LatencyTable(self.config.stages)
         _keep_freed_memory()
 
     def stages(
         self,
-        left: NDArray[np.uint8],
-        right: NDArray[np.uint8],
+        left: Image,
+        right: Image,
         *,
         confidence: bool = False,
         left_right: bool = False,
@@ -89,7 +109,7 @@ class Predictor:
         """The estimates, each computed when it is asked for; `elapsed_ms` includes the caller's time in between.
 
         Args:
-            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size.
+            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size: arrays, or tensors on its device.
             confidence: also how far to trust every pixel, and which ones the other camera does not see.
             left_right: judge that by the other view's disparity too, for twice the time.
             view: "left" or "right": whose disparity to give. Right pixel (y, x) is left pixel (y, x + d).
@@ -102,7 +122,8 @@ class Predictor:
         return self._estimates(frame, start)
 
     def _estimates(self, frame: Frame, start: float) -> Iterator[Estimate]:
-        steps = frame.steps()
+        with inference(self.threads):
+            steps = frame.steps()
         for stage in range(1, self.config.stages + 1):
             with inference(self.threads):
                 maps = frame.maps(stage, *next(steps))
@@ -116,9 +137,14 @@ class Predictor:
             raise AnyNetError(f"{method}: expected left_right together with confidence")
         if view not in ("left", "right"):
             raise AnyNetError(f"{method}: expected view as 'left' or 'right', got {view!r}")
-        images = check_images(left, right)
+        images = check_images(left, right, self.device)
+        if self.device.type == "cuda" and os.getpid() != self._process:
+            raise AnyNetError(f"{method}: expected the process that made the predictor: CUDA does not survive a fork")
         model = self._confidence_model() if confidence else None
-        return Frame(self._network, self.config.zoom, images, model, bool(left_right), mirrored=view == "right")
+        return Frame(
+            self._network, self.config.zoom, images, model, bool(left_right),
+            device=self.device, mirrored=view == "right", as_arrays=isinstance(left, np.ndarray),
+        )  # fmt: skip
 
     def _confidence_model(self) -> ConfidenceModel:
         """Of these weights, or, uncalibrated, of the packaged ones."""
@@ -127,13 +153,13 @@ class Predictor:
             path = own if own.is_file() else PACKAGED / "default.confidence.json"
             if path != own and self.config.stages != 4:
                 raise AnyNetError(f"confidence: expected {own} for a network of {self.config.stages} stages")
-            self._confidence = ConfidenceModel.read(path, self.config.stages)
+            self._confidence = ConfidenceModel.read(path, self.config.stages).to(self.device)
         return self._confidence
 
     def predict(
         self,
-        left: NDArray[np.uint8],
-        right: NDArray[np.uint8],
+        left: Image,
+        right: Image,
         budget_ms: float | None = None,
         stage: int | None = None,
         *,
@@ -144,9 +170,9 @@ class Predictor:
         """The best estimate that fits.
 
         Args:
-            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size.
+            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size: arrays, or tensors on its device.
             budget_ms: time to keep to. A further stage is begun only if, from what frames of this size took before, it
-                will end in time. The first stage is always computed.
+                will end in time. The first stage is always computed. On a GPU it is the GPU's time that counts.
             stage: the last stage to compute (default: all of them).
             confidence, left_right, view: as of `stages`.
 
@@ -158,8 +184,8 @@ class Predictor:
 
     def _predict(
         self,
-        left: NDArray[np.uint8],
-        right: NDArray[np.uint8],
+        left: Image,
+        right: Image,
         budget_ms: float | None,
         stage: int | None,
         asked: tuple[bool, bool, str],
@@ -177,23 +203,34 @@ class Predictor:
         with inference(self.threads) as threads:
             latencies = self._latencies[frame.kind, threads]
             steps = frame.steps()
-            begin = start
+            prepared = perf_counter() - start
+            marks: list[Any] = [self._clock.mark()]
             for reached, latency in enumerate(latencies.stages[:stage]):
-                elapsed = begin - start
-                needed = latency.expected(unknown=elapsed) + latencies.enlarging.expected(unknown=0)
-                if reached and 1e3 * (elapsed + needed) > budget_ms:
-                    latency.skipped()
-                    break
+                if reached and budget_ms < math.inf:
+                    elapsed = prepared + self._clock.seconds(marks[0], marks[-1])
+                    needed = latency.expected(unknown=elapsed) + latencies.enlarging.expected(unknown=0)
+                    if 1e3 * (elapsed + needed) > budget_ms:
+                        latency.skipped()
+                        break
                 results = next(steps)
-                end = perf_counter()
-                latency.measured(end - begin)
-                begin = end
+                marks.append(self._clock.mark())
             else:
                 reached = stage
             maps = frame.maps(reached, *results)
-        end = perf_counter()
-        latencies.enlarging.measured(end - begin)
-        return Estimate(reached, maps.disparity, 1e3 * (end - start), **maps.trust)
+            marks.append(self._clock.mark())
+        for latency, span in zip((*latencies.stages[:reached], latencies.enlarging), pairwise(marks), strict=True):
+            latency.measured(self._clock.seconds(*span))
+        return Estimate(reached, maps.disparity, 1e3 * (perf_counter() - start), **maps.trust)
+
+
+class HostClock:
+    """Tells the time that the CPU takes, as `DeviceClock` that of a GPU."""
+
+    def mark(self) -> float:
+        return perf_counter()
+
+    def seconds(self, begin: float, end: float) -> float:
+        return end - begin
 
 
 @contextmanager
@@ -207,6 +244,8 @@ def inference(threads: int | None) -> Iterator[int]:
         try:
             with torch.inference_mode():
                 yield threads
+        except torch.OutOfMemoryError as error:  # a GPU's
+            raise AnyNetError(one_line(error)) from error
         finally:
             if threads != before:
                 torch.set_num_threads(before)

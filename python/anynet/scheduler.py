@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from contextlib import suppress
+from functools import partial
+from typing import Generic, TypeVar
+
+V = TypeVar("V")
 
 MAX_THREADS = 256  # starting many more ends the process
 SIZES = 64  # kept: the most recently seen
@@ -49,21 +53,33 @@ class Latencies:
         self.enlarging = Latency()
 
 
-class LatencyTable:
+class RecentlyUsed(Generic[V]):
+    """Something for every key, kept for those used most recently.
+
+    Without a lock: each step is atomic, and another thread's in between costs at most what one key's value knew.
+    """
+
+    def __init__(self, make: Callable[[], V], most: int) -> None:
+        self._make, self._most = make, most
+        self._values: OrderedDict[Hashable, V] = OrderedDict()
+
+    def __getitem__(self, key: Hashable) -> V:
+        try:
+            value = self._values.pop(key)
+        except KeyError:
+            value = self._make()
+        self._values[key] = value
+        if len(self._values) > self._most:
+            with suppress(KeyError):
+                self._values.popitem(last=False)
+        return value
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+
+class LatencyTable(RecentlyUsed[Latencies]):
     """The latencies of the image sizes seen most recently."""
 
     def __init__(self, stages: int) -> None:
-        self._stages = stages
-        self._tables: OrderedDict[Hashable, Latencies] = OrderedDict()
-
-    def __getitem__(self, size: Hashable) -> Latencies:
-        # Each step is atomic, and another thread's in between costs at most what was learned about one size.
-        latencies = self._tables.pop(size, None) or Latencies(self._stages)
-        self._tables[size] = latencies
-        if len(self._tables) > SIZES:
-            with suppress(KeyError):
-                self._tables.popitem(last=False)
-        return latencies
-
-    def __len__(self) -> int:
-        return len(self._tables)
+        super().__init__(partial(Latencies, stages), SIZES)

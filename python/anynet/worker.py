@@ -14,17 +14,16 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 from weakref import WeakSet, finalize
 
-import numpy as np
-from numpy.typing import NDArray
+import torch
+from torch import Tensor
 
 from anynet.errors import AnyNetError
-from anynet.frame import check_images
+from anynet.frame import Image, check_images
 from anynet.predictor import Estimate, Predictor
 from anynet.scheduler import Latency
 
 if TYPE_CHECKING:
     from anynet.camera import ShiftedPredictor
-_Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,25 @@ class _Frame:
     number: int
     stamp: Any
     submitted: float
+
+
+class _Copies:
+    """The images as they were: of tensors on a GPU, the copy is made when all work before it is done."""
+
+    def __init__(self, left: Image, right: Image) -> None:
+        self.images = _copy(left), _copy(right)
+        on_gpu = isinstance(left, Tensor) and left.is_cuda
+        self._made = torch.cuda.current_stream(left.device).record_event() if on_gpu else None
+
+    def wait(self) -> None:
+        """Has this thread's stream wait until they are there."""
+        left = self.images[0]
+        if self._made is not None and isinstance(left, Tensor):
+            torch.cuda.current_stream(left.device).wait_event(self._made)
+
+
+def _copy(image: Image) -> Image:
+    return image.clone() if isinstance(image, Tensor) else image.copy()
 
 
 class Worker:
@@ -101,11 +119,11 @@ class Worker:
         )
         finalize(self, self._loop.stop).atexit = False
 
-    def submit(self, left: NDArray[np.uint8], right: NDArray[np.uint8], stamp: Any = None) -> int:
+    def submit(self, left: Image, right: Image, stamp: Any = None) -> int:
         """Hands over a frame, in place of one that waits and was not begun; the images are copied.
 
         Args:
-            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size.
+            left, right: a rectified pair, [H, W, 3] uint8 RGB of any size: what the predictor takes.
             stamp: anything; comes back with the estimates.
 
         Returns:
@@ -116,8 +134,8 @@ class Worker:
                 frame tries again).
         """
         now = perf_counter()
-        check_images(left, right)
-        return self._loop.submit((left.copy(), right.copy()), stamp, now)
+        check_images(left, right, getattr(self._loop.predictor, "device", None))
+        return self._loop.submit(_Copies(left, right), stamp, now)
 
     def latest(self) -> Latest | None:
         """The best estimate so far of the newest frame that has one; None before the first.
@@ -172,13 +190,13 @@ class _Loop:
         budget_ms: float,
         stage: float,
         preempt: bool,
-        asked: dict[str, bool],
+        asked: dict[str, Any],
     ) -> None:
-        self._predictor = predictor
+        self.predictor = predictor
         self._budget_ms = budget_ms
         self._stage = stage
         self._preempt = preempt
-        self._asked = asked  # of every estimate beside the disparity
+        self._asked = asked  # of every estimate beside the disparity; stand-ins take none
         self._submitted = 0
         self._closed = False
         self.start_afresh()
@@ -188,7 +206,7 @@ class _Loop:
         # Of the kind that one thread may take twice: the collector may call `stop` wherever the thread is.
         self._changed = threading.Condition(threading.RLock())
         self._thread: threading.Thread | None = None
-        self._waiting: tuple[_Frame, _Images] | None = None
+        self._waiting: tuple[_Frame, _Copies] | None = None
         self._cancelled = 0  # frames up to this number are not to be worked on
         self._latest: tuple[_Frame, Estimate] | None = None
         self._ended: tuple[_Frame, Estimate] | None = None
@@ -196,7 +214,7 @@ class _Loop:
         self._shape: tuple[int, ...] = ()
         self._latencies: defaultdict[int, Latency] = defaultdict(Latency)
 
-    def submit(self, images: _Images, stamp: Any, now: float) -> int:
+    def submit(self, images: _Copies, stamp: Any, now: float) -> int:
         with self._changed:
             if self._closed:
                 raise AnyNetError("Worker: submit after close")
@@ -269,11 +287,13 @@ class _Loop:
                 self._changed.notify_all()
         return True
 
-    def _compute(self, frame: _Frame, images: _Images) -> None:
+    def _compute(self, frame: _Frame, copies: _Copies) -> None:
+        images = copies.images
         if images[0].shape != self._shape:  # what was learned holds for one size
             self._shape, self._latencies = images[0].shape, defaultdict(Latency)
+        copies.wait()
         begin = start = perf_counter()
-        for estimate in self._predictor.stages(*images, **self._asked):
+        for estimate in self.predictor.stages(*images, **self._asked):
             end = perf_counter()
             self._latencies[estimate.stage].measured(end - begin)
             begin = end

@@ -22,3 +22,14 @@ def test_other_names_are_not_there() -> None:
 def test_importing_it_does_not_wait_for_torch() -> None:
     code = "import sys, anynet; dir(anynet); sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_version_and_packages_are_there_on_first_use() -> None:
+    code = """
+import sys, re, anynet
+assert "torch" not in sys.modules and "anynet.io" not in sys.modules
+assert re.match(r"\\d+(\\.\\d+)*", anynet.__version__), anynet.__version__
+assert callable(anynet.io.read_pair) and issubclass(anynet.AnyNetError, ValueError)
+assert {"io", "camera", "__version__"} <= set(dir(anynet))
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)

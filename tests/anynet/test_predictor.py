@@ -8,6 +8,8 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 
@@ -372,3 +374,15 @@ def test_wrong_options_of_confidence(predictor: Predictor) -> None:
         for view in ("top", True, None):
             with pytest.raises(AnyNetError, match=f"expected view as 'left' or 'right', got {view!r}"):
                 method(*images, view=view)
+
+
+@pytest.mark.slow
+def test_it_computes_in_spawned_processes(predictor: Predictor) -> None:
+    left, right = pair(32, 48)
+    expected = predictor.predict(left, right).disparity
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        np.testing.assert_array_equal(pool.submit(predictor.predict, left, right).result().disparity, expected)
+    joblib = pytest.importorskip("joblib")
+    tasks = (joblib.delayed(predictor.predict)(left, right) for _ in range(2))
+    for estimate in joblib.Parallel(n_jobs=2)(tasks):
+        np.testing.assert_array_equal(estimate.disparity, expected)

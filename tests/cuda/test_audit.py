@@ -25,23 +25,37 @@ ARCHITECTURES = {"sm_75", "sm_80", "sm_86", "sm_87", "sm_89", "sm_90", "sm_100",
 
 # Registers a thread may use, so that a multiprocessor (65,536 registers) holds at least the blocks named.
 REGISTERS = {
+    "candidates::costs": 64,  # 128 threads: eight
+    "candidates::expect": 64,
+    "conv::forward": 128,  # 128 threads: four
+    "conv::pair": 128,
+    "convex_upsampling::upsample": 64,
     "cost_volume::forward_grid": 128,  # 512 threads: one block, the usual ones of 128 threads: four
     "cost_volume::forward_disparity": 80,  # 128 threads: six blocks
     "cost_volume::backward_grid": 128,  # 128 threads: four
     "cost_volume::backward_disparity": 128,  # 128 threads: four
+    "max_pool::pool": 64,
+    "occlusion::fill": 64,
+    "read_image::read_pixels": 64,
     "soft_argmin::forward": 128,  # 128 threads: four
     "soft_argmin::backward": 128,
     "spatial_propagation::forward": 128,  # up to 512 threads: one
     "spatial_propagation::forward_many": 128,
     "spatial_propagation::backward": 168,  # up to 384 threads: one
     "spatial_propagation::backward_many": 128,
+    "stem::both_layers": 128,  # 64 threads: eight
+    "upsample::add": 64,
+    "upsample::concat": 64,
+    "upsample::sum_maps": 64,
     "warp::forward": 64,  # 128 threads: eight
     "warp::backward": 80,
 }
 
 # 16-byte accesses each kernel is written for: loads (LDG) and stores (STG) of global memory, loads of shared (LDS).
-# "packs" stands for the variant for aligned rows: <T, 16 / sizeof(T)>, or <T, true>.
+# "packs" stands for the variant for aligned rows, <T, 16 / sizeof(T)> or <T, true>, or for several output channels.
 WIDE = {
+    "conv::forward packs": {"LDS"},
+    "conv::pair": {"LDS"},
     "soft_argmin::forward packs": {"LDG", "STG"},
     "soft_argmin::backward packs": {"LDG", "STG"},
     "spatial_propagation::forward packs": {"LDG", "STG"},
@@ -74,7 +88,8 @@ def cuobjdump():
 
 def kernel(mangled: str) -> tuple[str, bool]:
     """Name ("warp::forward"), and whether this is the variant for aligned rows."""
-    match = re.search(r"_\d+_(\w+?)_cuda_cu_\w+?\d((?:forward|backward)(?:_grid|_disparity|_many)?)I(\w+)", mangled)
+    names = "|".join(sorted({name.split("::")[1] for name in REGISTERS}, key=len, reverse=True))
+    match = re.search(rf"_\d+_(\w+?)_cuda_cu_\w+?\d({names})I(\w+)", mangled)
     assert match is not None, mangled
     return f"{match[1]}::{match[2]}", re.search(r"L(i[2-9]|b1)E", match[3]) is not None
 

@@ -11,6 +11,23 @@ import torch
 import anynet_ext
 
 OPERATORS = ["cost_volume", "soft_argmin", "spatial_propagation", "warp"]
+INFERENCE = [
+    "candidate_costs",
+    "conv3x3",
+    "conv3x3x3",
+    "conv_pair",
+    "convex_upsampling",
+    "cost_volume_affine_relu",
+    "expected_disparity",
+    "fill_occlusions",
+    "max_pool",
+    "normalized_propagation",
+    "read_image",
+    "stem",
+    "upsample_add",
+    "upsample_concat",
+    "upsample_sum",
+]
 
 
 def test_build_info_tells_about_cuda():
@@ -18,7 +35,7 @@ def test_build_info_tells_about_cuda():
     assert cuda in ("yes", "not built")
 
 
-@pytest.mark.parametrize("name", [name + suffix for name in OPERATORS for suffix in ("", "_backward")])
+@pytest.mark.parametrize("name", [*INFERENCE, *(name + suffix for name in OPERATORS for suffix in ("", "_backward"))])
 def test_registered_for_cuda(name):
     if anynet_ext.build_info()["cuda_operators"] != "yes":
         pytest.skip("built without CUDA")

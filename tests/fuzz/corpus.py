@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import struct
 import tempfile
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 Corpus = Callable[[], list[bytes]]
 
@@ -103,6 +105,12 @@ def disparity_tiff() -> list[bytes]:
     return [*_saved("TIFF", image, DEEP), *_saved("TIFF", image, compression="tiff_lzw")]
 
 
+def depth_png() -> list[bytes]:
+    text = PngInfo()
+    text.add_text("LevelsPerMeter", "1000")
+    return [*_saved("PNG", Image.fromarray(np.round(MAP * 256).astype(np.uint16)), pnginfo=text), *disparity_png()]
+
+
 def pfm() -> list[bytes]:
     values = MAP.tobytes()
     big = b"Pf\n# comment\n8 5\n0.004\n" + MAP.astype(">f4").tobytes()
@@ -187,6 +195,145 @@ def opencv_calibration(ending: str) -> Corpus:
     return files
 
 
+def _matrix(name: str, values: object) -> str:
+    array = np.asarray(values, float)
+    rows, columns = array.shape
+    data = ", ".join(map(str, array.ravel()))
+    return f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n   data: [{data}]\n"
+
+
+_K = [[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]
+
+
+def json_calibrations() -> list[bytes]:
+    """DepthAI's, RealSense's, and OpenCV's values as JSON."""
+    turn = np.eye(3).tolist()
+
+    def camera(x: float, target: int) -> dict[str, object]:
+        place = {"rotationMatrix": turn, "translation": {"x": x, "y": 0, "z": 0}, "toCameraSocket": target}
+        return {"cameraType": 0, "width": 1280, "height": 800, "intrinsicMatrix": _K, "distortionCoeff": 14 * [0.1],
+                "extrinsics": place}  # fmt: skip
+
+    depthai = {"cameraData": [[0, camera(0, -1)], [1, camera(-7.5, 2)], [2, camera(3.75, 0)]],
+               "stereoRectificationData": {"leftCameraSocket": 1, "rightCameraSocket": 2}}  # fmt: skip
+    infrared = {"width": 848, "height": 480, "fx": 420.0, "fy": 420.0, "ppx": 422.0, "ppy": 240.0, "coeffs": 5 * [0]}
+    realsense = {"infrared1": infrared, "infrared2": infrared, "extrinsics": {"translation": [-0.05, 0, 0]}}
+    opencv = {"left": {"K": _K, "D": [[-0.2, 0.05, 0, 0, 0]]}, "right": {"K": _K, "D": [[-0.2, 0.05, 0, 0, 0]]},
+              "R": turn, "T": [-0.12, 0, 0], "imageSize": [640, 480], "unit": "m"}  # fmt: skip
+    return [json.dumps(one).encode() for one in (depthai, realsense, opencv)]
+
+
+def robots_calibrations() -> list[bytes]:
+    """Kalibr's, and ORB-SLAM's of both kinds."""
+    camera = "  camera_model: pinhole\n  distortion_coeffs: [-0.28, 0.07, 0.0002, 0.00002]\n"
+    camera += "  distortion_model: radtan\n  intrinsics: [455.1, 454.3, 366.0, 247.7]\n  resolution: [752, 480]\n"
+    pose = np.eye(4)
+    pose[0, 3] = -0.11
+    kalibr = f"cam0:\n{camera}cam1:\n  T_cn_cnm1:\n" + "".join(f"  - {row}\n" for row in pose.tolist()) + camera
+    center = "Camera.fx: 435.2\nCamera.fy: 435.2\nCamera.cx: 367.4\nCamera.cy: 252.2\n"
+    rectifying = f"%YAML:1.0\n{center}Camera.bf: 47.9\n"
+    for side, along in (("LEFT", 0.0), ("RIGHT", -47.9)):
+        rectifying += f"{side}.height: 480\n{side}.width: 752\n" + _matrix(f"{side}.D", [[-0.28, 0.07, 0, 0, 0]])
+        rectifying += _matrix(f"{side}.K", _K) + _matrix(f"{side}.R", np.eye(3))
+        rectifying += _matrix(f"{side}.P", [[435.2, 0, 367.4, along], [0, 435.2, 252.2, 0], [0, 0, 1, 0]])
+    third = '%YAML:1.0\nCamera.type: "PinHole"\nCamera.width: 752\nCamera.height: 480\n'
+    third += "".join(center.replace("Camera.", f"Camera{i}.") + f"Camera{i}.k1: 0.01\n" for i in (1, 2))
+    return [text.encode() for text in (kalibr, rectifying, third + _matrix("Stereo.T_c1_c2", -pose + 2 * np.eye(4)))]
+
+
+def zed_calibration() -> list[bytes]:
+    text = "[STEREO]\nBaseline=119.9\nTY=0.1\nTZ=0.2\nCV_HD=0.02\nRX_HD=-0.003\nRZ_HD=-0.001\n"
+    for side in ("LEFT", "RIGHT"):
+        text += f"[{side}_CAM_HD]\nfx=700\nfy=700\ncx=630\ncy=350\nk1=-0.17\nk2=0.02\n"
+    return [text.encode()]
+
+
+def numbers_calibration() -> list[bytes]:
+    odometry = "718.8 0 607.1 {} 0 718.8 185.2 0 0 0 1 0\n"
+    return [b"994.9 0 311.1\n0 994.9 254.8\n0 0 1\n0.193\n", (odometry.format(0) + odometry.format(-386.1)).encode()]
+
+
+def _camera_info(along: float) -> bytes:
+    return (
+        "image_width: 640\nimage_height: 480\ncamera_name: one\ndistortion_model: plumb_bob\n"
+        "camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}\n"
+        "distortion_coefficients: {rows: 1, cols: 5, data: [-0.1, 0, 0, 0, 0]}\n"
+        "rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n"
+        f"projection_matrix: {{rows: 3, cols: 4, data: [480, 0, 325, {along}, 0, 480, 238, 0, 0, 0, 1, 0]}}\n"
+    ).encode()
+
+
+def ros_left() -> list[bytes]:
+    message = "height: 480\nwidth: 640\ndistortion_model: plumb_bob\nd:\n- -0.1\n- 0.0\n- 0.0\n- 0.0\n- 0.0\n"
+    message += f"k: {np.ravel(_K).tolist()}\nr: {np.eye(3).ravel().tolist()}\n"
+    message += "p: [480.0, 0.0, 325.0, 0.0, 0.0, 480.0, 238.0, 0.0, 0.0, 0.0, 1.0, 0.0]\n---\n"
+    return [_camera_info(0), message.encode()]
+
+
+def ros_right() -> dict[str, bytes]:
+    return {"right.yaml": _camera_info(-48)}
+
+
+def _sensor(x: float) -> bytes:
+    return (
+        "sensor_type: camera\nT_BS:\n  cols: 4\n  rows: 4\n"
+        f"  data: [1.0, 0.0, 0.0, {x}, 0.0, 1.0, 0.0, 0.02, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]\n"
+        "resolution: [752, 480]\ncamera_model: pinhole\nintrinsics: [458.654, 457.296, 367.215, 248.375]\n"
+        "distortion_model: radial-tangential\ndistortion_coefficients: [-0.28, 0.07, 0.0002, 1.76e-05]\n"
+    ).encode()
+
+
+def euroc_left() -> list[bytes]:
+    return [_sensor(0.05)]
+
+
+def euroc_right() -> dict[str, bytes]:
+    return {"sensor.yaml": _sensor(0.16)}
+
+
+def vins() -> list[bytes]:
+    """The file of the rig, and one of a camera."""
+    left, right = np.eye(4), np.eye(4)
+    right[0, 3] = 0.11
+    named = "%YAML:1.0\n---\ncam0_calib: cam0.yaml\ncam1_calib: cam1.yaml\n"
+    return [(named + _matrix("body_T_cam0", left) + _matrix("body_T_cam1", right)).encode(), *vins_cameras().values()]
+
+
+@cache
+def vins_cameras() -> dict[str, bytes]:
+    pinhole = "%YAML:1.0\n---\nmodel_type: PINHOLE\nimage_width: 752\nimage_height: 480\n"
+    pinhole += "distortion_parameters:\n   k1: -0.29\n   k2: 0.08\n   p1: 0.0\n   p2: 0.0\n"
+    pinhole += "projection_parameters:\n   fx: 461.1\n   fy: 459.7\n   cx: 362.6\n   cy: 248.5\n"
+    return {f"cam{i}.yaml": pinhole.encode() for i in (0, 1)}
+
+
+def recording(ending: str) -> Corpus:
+    """Two pairs of images, of both kinds of message, with camera_info."""
+    return lambda: [_recording(ending, compressed) for compressed in (False, True)]
+
+
+@cache
+def _recording(ending: str, compressed: bool) -> bytes:
+    from bags import START, BagWriter
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"one{ending if ending != '.db3' else ''}"
+        with BagWriter(path) as bag:
+            for side, along in (("left", 0.0), ("right", -48.0)):
+                matrix = np.array([[480, 0, 8, along], [0, 480, 4, 0], [0, 0, 1, 0]])
+                bag.camera_info(f"/{side}/camera_info", (17, 12), matrix[:, :3], 5 * [0.0], np.eye(3), matrix)
+                for number in range(2):
+                    write = bag.compressed if compressed else bag.image
+                    write(f"/{side}/image_raw" + compressed * "/compressed", _pixels(12, 17, 3), START + number * 10**8)
+        return (path if path.is_file() else next(path.glob("*.db3"))).read_bytes()
+
+
+def confidence() -> list[bytes]:
+    from anynet.checkpoint import PACKAGED
+
+    return [file.read_bytes() for file in sorted(PACKAGED.glob("*.confidence.json"))]
+
+
 @cache
 def _checkpoint() -> bytes:
     from anynet import AnyNet, AnyNetConfig, save_checkpoint
@@ -199,9 +346,26 @@ def _checkpoint() -> bytes:
 
 def safetensors() -> list[bytes]:
     """The header is what is worth damaging: some files have little else."""
-    whole = _checkpoint()
-    header = whole[: 8 + struct.unpack("<Q", whole[:8])[0]]
-    return [whole, header]
+    return [_checkpoint(), _header(_checkpoint())]
+
+
+def baseline_checkpoint() -> list[bytes]:
+    return [_baseline_checkpoint(), _header(_baseline_checkpoint())]
+
+
+def _header(whole: bytes) -> bytes:
+    return whole[: 8 + struct.unpack("<Q", whole[:8])[0]]
+
+
+@cache
+def _baseline_checkpoint() -> bytes:
+    from anynet import save_checkpoint
+    from anynet.baselines.model import BaselineConfig, BaselineModel
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "weights.safetensors"
+        save_checkpoint(path, BaselineModel(BaselineConfig(model="stereonet-8x")))
+        return path.read_bytes()
 
 
 def pickled() -> list[bytes]:

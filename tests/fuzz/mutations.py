@@ -65,10 +65,8 @@ def _text(data: bytearray, random: Random, seeds: Sequence[bytes]) -> None:
     """A number in digits becomes another, or something else."""
     found = list(_DIGITS.finditer(data[:4000]))
     replacement = random.choice([*_TEXTS, *(str(number).encode() for number in _NUMBERS)])
-    if found:
-        data[slice(*random.choice(found).span())] = replacement
-    else:
-        data[_place(data, random) :][:0] = replacement
+    place = _place(data, random)
+    data[slice(*random.choice(found).span()) if found else slice(place, place)] = replacement
 
 
 def _cut(data: bytearray, random: Random, seeds: Sequence[bytes]) -> None:

@@ -1,9 +1,10 @@
 """Fuzzes one target, or all: python tests/fuzz/run.py TARGET --inputs 100000.
 
 Damaged files go to the readers, random arguments to the operators (targets.py), in a process of their own. What must
-not happen is counted as failed: a signal, more than 5 s of computing, more than 2 GB of memory, an exception that is
-not documented, a message that is not one line with the file's name. Failing inputs are kept, in --keep. An input is a
-function of target, seed and number: --first N --inputs 1 makes it again. Exit status 1 if anything failed.
+not happen is counted as failed: a signal, more than 5 s of computing, more than 2 GB of memory (of a reader; an
+operator takes what its arguments ask for), an exception that is not documented, a message that is not one short line
+with the file's name. Failing inputs are kept, in --keep. An input is a function of target, seed and number: --first N
+--inputs 1 makes it again. Exit status 1 if anything failed.
 
 With --engine atheris the bytes are found by coverage (pip install 'anynet[fuzz]') instead of at random.
 """
@@ -12,6 +13,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
+import mmap
 import os
 import resource
 import select
@@ -23,6 +26,7 @@ import time
 import traceback
 import warnings
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 from mutations import mutated
@@ -30,8 +34,9 @@ from targets import TARGETS, Calls, Reader
 
 SECONDS = 5  # of computing, per input
 MEMORY = 2 * 10**9  # bytes in use
+LETTERS = 1000  # of a message
 _ADDRESSES = 6 * 10**9  # of the process, so that the machine survives what fails
-_STUCK = 120  # seconds without a sign of life: it waits, without computing
+_STUCK = 600  # seconds without a sign of life: it waits, without computing
 
 FINE = ("read", "refused", "computed")
 
@@ -65,20 +70,21 @@ class _Input:
                 causes.append(cause)
             if any(isinstance(cause, MemoryError) for cause in causes):
                 return f"memory: {error}"
-            if len(str(error).splitlines()) != 1 or str(self.file) not in str(error):
-                return f"message: {error}"
+            text = str(error)
+            if not text.isprintable() or len(text) > LETTERS or str(self.file) not in text:
+                return f"message: {text}"
             return "refused"
         return "read"
 
 
 def _work(name: str, seed: int, first: int, last: int, folder: Path) -> None:
-    """The worker: a line of JSON per input, [number, outcome], and one before it, [number, null]."""
+    """The worker: keeps the count in _Progress, and says a line of JSON per failure, [number, outcome]."""
     warnings.simplefilter("ignore")
-    source = _Input(name, seed, folder)
+    source, progress = _Input(name, seed, folder), _Progress(folder)
     resource.setrlimit(resource.RLIMIT_AS, (_ADDRESSES, _ADDRESSES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for number in range(first, last):
-        _say(number, None)
+        progress.begin()
         signal.setitimer(signal.ITIMER_PROF, SECONDS)  # nobody handles it, so it ends even what hangs in C
         try:
             outcome = source.run(number)
@@ -88,98 +94,130 @@ def _work(name: str, seed: int, first: int, last: int, folder: Path) -> None:
         used = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         if used > MEMORY and isinstance(source.target, Reader):
             outcome = f"memory: {used / 1e9:.1f} GB"
-        _say(number, outcome)
+        if outcome not in FINE:
+            if source.file.exists():
+                source.file.replace(folder / f"{number}{source.file.suffix}")
+            os.write(3, json.dumps([number, outcome]).encode() + b"\n")
+        progress.end(outcome)
         if used > MEMORY:
             return  # the most ever used is all that the system tells: begin again
 
 
-def _say(number: int, outcome: str | None) -> None:
-    os.write(3, json.dumps([number, outcome]).encode() + b"\n")
+class _Progress:
+    """How many inputs a worker has begun and ended, and how they ended, in memory that outlives it."""
+
+    def __init__(self, folder: Path) -> None:
+        file = folder / "progress"
+        with file.open("r+b") as opened:
+            self._counts = memoryview(mmap.mmap(opened.fileno(), 0)).cast("q")
+
+    @classmethod
+    def anew(cls, folder: Path) -> _Progress:
+        (folder / "progress").write_bytes(bytes(8 * (2 + len(FINE))))
+        return cls(folder)
+
+    def begin(self) -> None:
+        self._counts[0] += 1
+
+    def end(self, outcome: str) -> None:
+        if outcome in FINE:
+            self._counts[2 + FINE.index(outcome)] += 1
+        self._counts[1] += 1
+
+    @property
+    def begun(self) -> int:
+        return self._counts[0]
+
+    @property
+    def ended(self) -> int:
+        return self._counts[1]
+
+    @property
+    def fine(self) -> Counter[str]:
+        return +Counter(dict(zip(FINE, self._counts[2:], strict=True)))
 
 
 class _Worker:
-    """A process that works on the inputs first ... last - 1, and its reports."""
+    """A process that works on the inputs first ... last - 1."""
 
     def __init__(self, name: str, seed: int, first: int, last: int, folder: Path) -> None:
-        reading, writing = os.pipe()
-        arguments = [
-            sys.executable,
-            __file__,
-            name,
-            "--seed",
-            str(seed),
-            "--worker",
-            str(first),
-            str(last),
-            str(folder),
-        ]
-        command = 'exec 3>&"$0"; exec "$@"'
+        self.progress = _Progress.anew(folder)
+        self.seconds, self.stopped = 0.0, False
+        self._failures, writing = os.pipe()
+        own = [sys.executable, __file__, name, "--seed", str(seed), "--worker", str(first), str(last), str(folder)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONFAULTHANDLER": "", "TMPDIR": str(folder)}
         self.process = subprocess.Popen(
-            ["bash", "-c", command, str(writing), *arguments],
+            ["bash", "-c", 'exec 3>&"$0"; exec "$@"', str(writing), *own],
             pass_fds=[writing],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             env=environment,
         )
         os.close(writing)
-        self._reports, self._buffer = reading, b""
 
-    def reports(self, until: float) -> list[tuple[int, str | None]] | None:
-        """Those that have come; None when the worker has ended."""
-        ready, _, _ = select.select([self._reports], [], [], max(0.0, min(_STUCK, until - time.monotonic())))
-        if not ready:
-            self.process.kill()
-        data = os.read(self._reports, 2**20)
-        if not data:
-            os.close(self._reports)
-            self.process.wait()
-            return None
-        *lines, self._buffer = (self._buffer + data).split(b"\n")
-        return [tuple(json.loads(line)) for line in lines]
+    def failures(self, seconds: float) -> Iterator[tuple[int, str]]:
+        """Those that it tells, until it has ended: in time, after so many seconds of trying, or if it only waits."""
+        buffer, begun, changed = b"", 0, time.monotonic()
+        start: float | None = None
+        while True:
+            now = time.monotonic()
+            if self.progress.begun != begun:
+                begun, changed, start = self.progress.begun, now, start or now
+            self.seconds = now - (start or now)  # not those of starting
+            self.stopped = self.seconds >= seconds
+            if self.stopped or now - changed > _STUCK:
+                self.process.kill()
+            if not select.select([self._failures], [], [], 0.2)[0]:
+                continue
+            data = os.read(self._failures, 2**20)
+            if not data:
+                os.close(self._failures)
+                self.process.wait()
+                return
+            *lines, buffer = (buffer + data).split(b"\n")
+            for line in lines:
+                number, outcome = json.loads(line)
+                yield number, outcome
 
 
-def fuzz(name: str, seed: int, inputs: int, *, first: int = 0, seconds: float = 1e9, keep: Path) -> Counter[str]:
+def fuzz(name: str, seed: int, inputs: int, *, first: int = 0, seconds: float = math.inf, keep: Path) -> Counter[str]:
     """Tries the inputs first ... first + inputs - 1, for at most that many seconds; counts the outcomes."""
     counts: Counter[str] = Counter()
-    until = time.monotonic() + seconds
     memory = Path("/dev/shm")
     next_input, last = first, first + inputs
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as temporary:
         folder = Path(temporary)
-        while next_input < last and time.monotonic() < until:
-            worker, running = _Worker(name, seed, next_input, last, folder), None
-            while (reports := worker.reports(until)) is not None:
-                for number, outcome in reports:
-                    running = number if outcome is None else None
-                    if outcome is not None:
-                        next_input = number + 1
-                        _count(counts, name, number, outcome, folder, keep)
-            if time.monotonic() >= until:
+        while next_input < last:
+            worker = _Worker(name, seed, next_input, last, folder)
+            for number, outcome in worker.failures(seconds):
+                _failed(counts, name, number, outcome, next(folder.glob(f"{number}.*"), None), keep)
+            counts += worker.progress.fine
+            next_input += worker.progress.ended
+            seconds -= worker.seconds
+            if worker.stopped:
                 break
             status = worker.process.returncode
-            if status == 0 and running is None:
+            if worker.progress.begun == worker.progress.ended:
+                if status:
+                    raise RuntimeError(f"{name}: the worker ended with {status} before input {next_input}")
                 continue
-            if running is None:
-                raise RuntimeError(f"{name}: the worker ended with {status} before input {next_input}")
             if status in (-signal.SIGPROF, -signal.SIGKILL):
                 outcome = f"more than {SECONDS} s"
             else:
                 outcome = f"signal {signal.Signals(-status).name}" if status < 0 else f"exit {status}"
-            _count(counts, name, running, outcome, folder, keep)
-            next_input = running + 1
+            _failed(counts, name, next_input, outcome, next(folder.glob("input.*"), None), keep)
+            next_input += 1
     return counts
 
 
-def _count(counts: Counter[str], name: str, number: int, outcome: str, folder: Path, keep: Path) -> None:
-    kind = outcome if outcome in FINE else f"FAILED {outcome.split(':')[0].splitlines()[0]}"
+def _failed(counts: Counter[str], name: str, number: int, outcome: str, file: Path | None, keep: Path) -> None:
+    kind = f"FAILED {outcome.split(':')[0].splitlines()[0]}"
     counts[kind] += 1
-    if outcome in FINE or counts[kind] > 20:
-        return
-    keep.mkdir(parents=True, exist_ok=True)
-    (keep / f"{name}-{number}.txt").write_text(outcome + "\n")
-    for file in folder.glob("input.*"):
-        (keep / f"{name}-{number}{file.suffix}").write_bytes(file.read_bytes())
+    if counts[kind] <= 20:
+        keep.mkdir(parents=True, exist_ok=True)
+        (keep / f"{name}-{number}.txt").write_text(outcome + "\n")
+        if file is not None:
+            (keep / f"{name}-{number}{file.suffix}").write_bytes(file.read_bytes())
 
 
 def _atheris(name: str, inputs: int, keep: Path) -> None:
@@ -212,7 +250,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("target", choices=[*TARGETS, "all"])
     parser.add_argument("--inputs", type=int, default=10_000, help="how many, per target")
-    parser.add_argument("--seconds", type=float, default=1e9, help="at most so long, per target")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="at most so long, per target")
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--engine", choices=["mutations", "atheris"], default="mutations")

@@ -28,7 +28,7 @@ class Calls:
     call: Callable[[str], bool]
 
 
-def _of(module: str, name: str, *more: Any) -> Callable[[Path], Any]:
+def _of(module: str, name: str, *more: Any) -> Callable[[Any], Any]:
     """A function that is imported when it is first needed."""
     return lambda path: getattr(import_module(module), name)(path, *more)
 
@@ -37,6 +37,27 @@ _image = _of("anynet.io.images", "read_image")
 _disparity = _of("anynet.io.disparity", "read_disparity")
 _calibration = _of("anynet.camera.read", "read_calibration")
 _checkpoint = _of("anynet.checkpoint", "load_checkpoint")
+
+
+def _with(sound: Callable[[], dict[str, bytes]]) -> Callable[[Path], Any]:
+    """Reads a calibration of several files: the damaged one, and sound ones beside it."""
+
+    def read(path: Path) -> Any:
+        others = [path.with_name(name) for name in sound()]
+        for other in others:
+            if not other.exists():
+                other.write_bytes(sound()[other.name])
+        return _calibration([path, *others])
+
+    return read
+
+
+def _frames(path: Path) -> None:
+    """Reads a recording to its end."""
+    with import_module("anynet.streams").Recording(path) as recording:
+        for _ in recording.frames():
+            pass
+
 
 TARGETS: dict[str, Reader | Calls] = {
     "image-png": Reader(_image, ".png", corpus.png),
@@ -51,6 +72,7 @@ TARGETS: dict[str, Reader | Calls] = {
     "disparity-pfm": Reader(_disparity, ".pfm", corpus.pfm),
     "disparity-npy": Reader(_disparity, ".npy", corpus.npy),
     "disparity-npz": Reader(_disparity, ".npz", corpus.npz),
+    "depth-png": Reader(_of("anynet.io.depth", "read_depth"), ".png", corpus.depth_png),
     "csv": Reader(_of("anynet.data.custom", "table"), ".csv", corpus.csv),
     "split": Reader(lambda path: _of("anynet.data.files", "names_in", path.parent)(path), ".txt", corpus.split),
     "rendered": Reader(
@@ -61,6 +83,22 @@ TARGETS: dict[str, Reader | Calls] = {
     "calibration-middlebury": Reader(_calibration, ".txt", corpus.middlebury_calibration),
     "calibration-yaml": Reader(_calibration, ".yml", corpus.opencv_calibration(".yml")),
     "calibration-xml": Reader(_calibration, ".xml", corpus.opencv_calibration(".xml")),
+    "calibration-json": Reader(_calibration, ".json", corpus.json_calibrations),
+    "calibration-robots": Reader(_calibration, ".yaml", corpus.robots_calibrations),
+    "calibration-zed": Reader(_calibration, ".conf", corpus.zed_calibration),
+    "calibration-numbers": Reader(_calibration, ".txt", corpus.numbers_calibration),
+    "calibration-ros": Reader(_with(corpus.ros_right), ".yaml", corpus.ros_left),
+    "calibration-euroc": Reader(_with(corpus.euroc_right), ".yaml", corpus.euroc_left),
+    "calibration-vins": Reader(_with(corpus.vins_cameras), ".yaml", corpus.vins),
+    "recording-bag": Reader(_frames, ".bag", corpus.recording(".bag")),
+    "recording-mcap": Reader(_frames, ".mcap", corpus.recording(".mcap")),
+    "recording-db3": Reader(_frames, ".db3", corpus.recording(".db3")),
+    "confidence": Reader(
+        lambda path: import_module("anynet.model.confidence").ConfidenceModel.read(path, 4), ".json", corpus.confidence
+    ),
+    "checkpoint-baseline": Reader(
+        _of("anynet.baselines.model", "load_baseline"), ".safetensors", corpus.baseline_checkpoint
+    ),
     "checkpoint-safetensors": Reader(_checkpoint, ".safetensors", corpus.safetensors),
     "checkpoint-tar": Reader(_checkpoint, ".tar", corpus.pickled),
     "operators": Calls(operators.call),

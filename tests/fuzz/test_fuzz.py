@@ -22,8 +22,8 @@ READERS = [name for name, target in TARGETS.items() if isinstance(target, Reader
 @pytest.mark.slow
 @pytest.mark.parametrize("name", list(TARGETS))
 def test_smoke(tmp_path: Path, name: str) -> None:
-    """About a minute for all of them."""
-    counts = fuzz(name, seed=1, inputs=2000, seconds=3, keep=tmp_path)
+    """About a minute for all of them, most of it to start."""
+    counts = fuzz(name, seed=1, inputs=2000, seconds=1, keep=tmp_path)
     found = [file.read_text()[:1000] for file in sorted(tmp_path.glob("*.txt"))]
     assert set(counts) <= set(FINE), found
     assert counts.total() > 0
@@ -69,7 +69,7 @@ def faulty(file):
     if number == 2:
         while True: pass
     if number == 3: raise AnyNetError("without the name")
-    if number == 4: raise AnyNetError(f"{file}:\\nof two lines")
+    if number == 4: raise AnyNetError(f"{file}: {'long ' * 1000}")
     if number == 5: bytearray(b"x") * (2 * 10**9 + 10**8)
     if number == 6:
         try: bytearray(10**11)

@@ -8,13 +8,14 @@ void test_sum(Isa isa, int threads, int64_t H, int64_t W, int64_t crop) {
   std::vector<check::Array<float, 2>> maps;
   UpsampleSum<float> args{};
   args.count = 5;
-  args.gain = 0.25;
+  args.side = crop == 0 ? 0.125f : 0;
   args.out_height = 16 * H - crop;
   args.out_width = 16 * W - crop;
   for (int i = 0; i < args.count; ++i) {
     args.ratio[i] = 16 >> i;
     args.height[i] = H << i;
     args.width[i] = W << i;
+    args.gain[i] = static_cast<float>(i - 1) / 4;
     maps.emplace_back(std::vector<int64_t>{args.height[i], args.width[i]}, [&] { return random(); });
   }
   for (int i = 0; i < args.count; ++i) args.map[i] = maps[i].values.data();
@@ -23,14 +24,25 @@ void test_sum(Isa isa, int threads, int64_t H, int64_t W, int64_t crop) {
     for (int64_t x = 0; x < args.out_width; ++x) {
       double sum = 0;
       for (int i = 0; i < args.count; ++i) {
-        const auto read = [&](int64_t row, int64_t column) {
+        const auto stored = [&](int64_t row, int64_t column) {
+          row = std::min(std::max<int64_t>(row, 0), args.height[i] - 1);
+          column = std::min(std::max<int64_t>(column, 0), args.width[i] - 1);
           return static_cast<double>(maps[i].values[row * args.width[i] + column]);
         };
+        const auto read = [&](int64_t row, int64_t column) {
+          if (i + 1 < args.count) return stored(row, column);
+          const double weights[] = {args.side, 1 - 2 * args.side, args.side};
+          double smoothed = 0;
+          for (int j = 0; j < 9; ++j) {
+            smoothed += weights[j / 3] * weights[j % 3] * stored(row + j / 3 - 1, column + j % 3 - 1);
+          }
+          return smoothed;
+        };
         const double ratio = static_cast<double>(args.ratio[i]);
-        sum += check::bilinear(read, check::half_pixel(y, ratio, args.height[i]),
-                               check::half_pixel(x, ratio, args.width[i]));
+        sum += args.gain[i] * check::bilinear(read, check::half_pixel(y, ratio, args.height[i]),
+                                              check::half_pixel(x, ratio, args.width[i]));
       }
-      expected.push_back(sum / 4);
+      expected.push_back(sum);
     }
   }
   std::vector<float> out(expected.size());

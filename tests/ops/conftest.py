@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import mmap
-import shutil
-import subprocess
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -70,41 +67,32 @@ class Ops:
         return self._call("spatial_propagation", input, gates, direction)
 
 
-IMPLEMENTATIONS = [
-    Ops("anynet", "cpu"),
+CUDA_IMPLEMENTATIONS = [
     pytest.param(Ops("anynet", "cuda"), marks=pytest.mark.cuda),
     # The CUDA kernels on the CPU (tests/cuda/emulator): `pytest tests/ops -m slow -k emulated`.
     pytest.param(Ops("anynet_cuda_emulated", "cpu"), marks=pytest.mark.slow),
 ]
+IMPLEMENTATIONS = [Ops("anynet", "cpu"), *CUDA_IMPLEMENTATIONS]
 
 
-@pytest.fixture(scope="session")
-def emulated_operators() -> None:
-    """Builds and loads the library that registers `torch.ops.anynet_cuda_emulated`."""
-    ninja = shutil.which("ninja")
-    if shutil.which("cmake") is None or ninja is None:
-        pytest.skip("needs cmake and ninja")
-    root = Path(__file__).parents[2]
-    folder = root / "build" / "emulated"
-    torch_folder = Path(torch.__file__).parent
-    options = ["-GNinja", f"-DCMAKE_MAKE_PROGRAM={ninja}", "-DANYNET_CUDA=OFF", f"-DANYNET_TORCH_DIR={torch_folder}"]
-    for command in (
-        ["cmake", "-S", root, "-B", folder, *options],
-        ["cmake", "--build", folder, "--target", "_C_cuda_emulated"],
-    ):
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        assert done.returncode == 0, done.stdout
-    torch.ops.load_library(folder / "tests" / "cuda" / "_C_cuda_emulated.so")
-
-
-@pytest.fixture(params=IMPLEMENTATIONS, ids=repr)
-def ops(request: pytest.FixtureRequest) -> Ops:
-    """The implementation under test: every test that takes `ops` runs once for each of IMPLEMENTATIONS."""
+def _available(request: pytest.FixtureRequest) -> Ops:
     if request.param.namespace == "anynet_cuda_emulated":
         request.getfixturevalue("emulated_operators")
     if request.param.device == "cuda" and not torch.cuda.is_available():
         pytest.skip("needs a GPU and the CUDA build of torch")
     return request.param
+
+
+@pytest.fixture(params=IMPLEMENTATIONS, ids=repr)
+def ops(request: pytest.FixtureRequest) -> Ops:
+    """The implementation under test: every test that takes `ops` runs once for each of IMPLEMENTATIONS."""
+    return _available(request)
+
+
+@pytest.fixture(params=CUDA_IMPLEMENTATIONS, ids=repr)
+def cuda(request: pytest.FixtureRequest) -> Ops:
+    """The same for what the CPU's tests test another way."""
+    return _available(request)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

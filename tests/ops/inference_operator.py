@@ -64,6 +64,11 @@ class InferenceOperator:
     def packet(self) -> Any:
         return getattr(torch.ops.anynet, self.op).default
 
+    def run_on(self, ops: Any, arguments: list[Any]) -> Tensor:
+        """The operator of an implementation under test, its tensors on its device."""
+        moved = torch.utils._pytree.tree_map_only(Tensor, lambda t: t.to(ops.device), arguments)
+        return getattr(getattr(torch.ops, ops.namespace), self.op).default(*moved)
+
     def arguments(self, case: Call) -> list[Any]:
         """Those of a call in the order of the schema."""
         args, options = case()
@@ -84,6 +89,22 @@ class InferenceOperator:
         torch.testing.assert_close(results[0], expected, **self.tolerance)
         assert results[0].is_contiguous()
         assert all(torch.equal(results[0], other) for other in results[1:])
+
+    def test_cuda_equals_reference(self, cuda: Any, case: Call) -> None:
+        """And repeats bit for bit."""
+        out, again = (self.run_on(cuda, self.arguments(case)) for _ in range(2))
+        torch.testing.assert_close(out.cpu(), self.run(reference, case), **self.tolerance)
+        assert out.is_contiguous()
+        assert torch.equal(out, again)
+
+    def test_cuda_refuses_what_the_cpu_does(self, cuda: Any) -> None:
+        for wrong_call, message in self.errors:
+            with pytest.raises(RuntimeError, match=message):
+                self.run_on(cuda, self.arguments(wrong_call))
+        for case in self.small_cases.values():
+            for arguments in self.changed(case, lambda t: t.to(torch.int32)).values():
+                with pytest.raises(RuntimeError, match=f"{self.op}: expected"):
+                    self.run_on(cuda, arguments)
 
     @pytest.mark.parametrize("isa", ISAS, ids=lambda isa: isa.name)
     def test_every_instruction_set_equals_reference(self, case: Call, isa: Any) -> None:

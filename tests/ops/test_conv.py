@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 import torch
+from inference_operator import InferenceOperator, call
+from inference_operator import random as normal
 from torch import Tensor
 
 import anynet_ext
@@ -338,3 +341,66 @@ def test_cuda_calls_pytorch(dimensions: int) -> None:
     expected = torch.autograd.grad(OPERATORS[dimensions](**leaves, relu_in=True, stride=2).sum(), list(leaves.values()))
     for ours, theirs in zip(torch.autograd.grad(out.sum(), list(inputs.values())), expected, strict=True):
         torch.testing.assert_close(ours.cpu(), theirs)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("stride", [1, 2])
+@pytest.mark.parametrize("channels", [(1, 1), (3, 4), (5, 8), (2, 11), (18, 3)])
+@pytest.mark.parametrize("sizes", [(1, 1), (7, 35), (13, 66), (1, 1, 1), (2, 3, 5), (5, 9, 34)])
+def test_cuda_equals_reference(
+    cuda: Any, sizes: tuple[int, ...], channels: tuple[int, int], stride: int, dtype: torch.dtype
+) -> None:
+    name = "conv3x3" if len(sizes) == 2 else "conv3x3x3"
+    operator = getattr(getattr(torch.ops, cuda.namespace), name)
+    for affine, relu in ((False, False), (True, True), (False, True), (True, False)):
+        tensors = make(sizes, channels, bias=affine, affine=affine, dtype=dtype)
+        options = {"stride": stride, "relu_in": relu, "relu_out": not relu}
+        expected = getattr(reference, name)(**tensors, **options)
+        moved = {key: t.to(cuda.device) for key, t in tensors.items()}
+        out = operator(*(moved.get(key) for key in ("input", "weight", "bias", "scale", "shift")), *options.values())
+        tolerance = 1e-9 if dtype == torch.float64 else 1e-4
+        torch.testing.assert_close(out.cpu(), expected, rtol=tolerance, atol=tolerance)
+
+
+def test_cuda_of_an_empty_batch(cuda: Any) -> None:
+    operator = getattr(torch.ops, cuda.namespace).conv3x3
+    input, weight = torch.zeros(0, 3, 4, 5, device=cuda.device), torch.zeros(2, 3, 3, 3, device=cuda.device)
+    assert operator(input, weight, None, None, None, 1, False, False).shape == (0, 2, 4, 5)
+
+
+def pair_call(sizes: tuple[int, ...], channels: tuple[int, int, int], bias: bool, relu_out: bool) -> Callable[[], Any]:
+    def make() -> tuple[tuple[Any, ...], dict[str, Any]]:
+        c, m, o = channels
+        kernel = [3] * len(sizes)
+        first, second = normal(m, c, *kernel) / (c * 9) ** 0.5, normal(o, m, *kernel) / (m * 9) ** 0.5
+        return call(
+            normal(2, c, *sizes), first, normal(m) if bias else None, second, normal(o) if bias else None,
+            relu_out=relu_out,
+        )  # fmt: skip
+
+    return make
+
+
+PAIR = pair_call((4, 5), (2, 3, 2), True, False)()[0]
+
+
+class TestConvPair(InferenceOperator):
+    op = "conv_pair"
+    cases: ClassVar = {
+        f"{sizes}-{channels}-{bias}": pair_call(sizes, channels, bias, not bias)
+        for sizes in [(5, 6), (1, 1), (2, 3, 5), (19, 34), (1, 1, 1), (5, 9, 33)]
+        for channels in [(2, 3, 2), (1, 4, 1), (5, 8, 6), (4, 4, 4), (40, 30, 3)]  # those of the last are not fused
+        for bias in (True, False)
+    }
+    errors: ClassVar = [
+        (lambda: call(PAIR[0][0], *PAIR[1:]), r"input as contiguous float32 tensor of 4 dimensions, got \[2, 4, 5\]"),
+        (
+            lambda: call(PAIR[0], normal(3, 1, 3, 3), *PAIR[2:]),
+            r"weight_first of shape \[3, 2, 3, 3\], got \[3, 1, 3, 3\]",
+        ),
+        (lambda: call(*PAIR[:3], normal(2, 2, 3, 3), PAIR[4]), r"weight_second of shape \[2, 3, 3, 3\]"),
+        (lambda: call(*PAIR[:2], normal(2), *PAIR[3:]), r"bias_first of shape \[3\], got \[2\]"),
+        (lambda: call(*PAIR[:4], normal(3)), r"bias_second of shape \[2\], got \[3\]"),
+        (lambda: call(normal(2, 2, 0, 5), *PAIR[1:]), "at least one pixel"),
+    ]
+    test_every_instruction_set_equals_reference = None  # it is two convolutions on the CPU

@@ -218,13 +218,6 @@ class TestCostVolumeAffineRelu(InferenceOperator):
     ]
 
 
-@pytest.mark.slow
-def test_emulated_cuda_refuses_the_epilogue(emulated_operators):
-    """Rather than ignoring it."""
-    with pytest.raises(RuntimeError, match="expected no epilogue on CUDA, got one"):
-        torch.ops.anynet_cuda_emulated.cost_volume_affine_relu(*PAIR, None, 0, 3, random(2), random(2))
-
-
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64], ids=str)
 @pytest.mark.parametrize("epsilon", EPSILONS)
 def test_cost_volume_near_whole_positions(ops, epsilon, dtype):

@@ -37,3 +37,15 @@ def test_environment_names_an_unknown_set():
 def test_best_is_the_default():
     assert chosen("").stdout.strip() == ISAS[-1].name
     assert anynet_ext.build_info()["instruction_set"] == _kernels.chosen_isa().name
+
+
+@pytest.mark.parametrize("isa", ["mmx", "AVX2", "\udcff\n"])
+def test_the_package_tells_the_sets_that_can_be_used(isa):
+    environment = {**os.environ, "ANYNET_ISA": isa}
+    result = subprocess.run(
+        [sys.executable, "-c", "import anynet_ext"], env=environment, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 1
+    names = ", ".join(reversed([isa.name for isa in ISAS]))
+    assert f": expected one of {names} (" in result.stderr
+    assert "ImportError: ANYNET_ISA=" in result.stderr

@@ -167,13 +167,6 @@ class TestNormalizedPropagation(InferenceOperator):
     ]
 
 
-@pytest.mark.slow
-def test_emulated_cuda_refuses_to_normalize(emulated_operators):
-    """Rather than leaving the gates as they are."""
-    with pytest.raises(RuntimeError, match="spatial_propagation: expected normalized gates on CUDA"):
-        torch.ops.anynet_cuda_emulated.normalized_propagation(random(1, 1, 2, 2), random(1, 3, 1, 2, 2), 0)
-
-
 @pytest.mark.parametrize("direction", range(4))
 @pytest.mark.parametrize("value", [NAN, INF])
 def test_special_values(ops, direction, value):

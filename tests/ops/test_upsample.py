@@ -16,7 +16,9 @@ RATIOS = [16, 8, 4, 2, 1]
 def sum_call(height: int, width: int, crop: int) -> Call:
     def make() -> tuple[tuple[Any, ...], dict[str, Any]]:
         maps = [random(height * 16 // ratio, width * 16 // ratio) for ratio in RATIOS]
-        return call(maps, RATIOS, 16 * height - crop, 16 * width - crop, gain=1 / 8)
+        gains = [1 / 8, 3.0, -1.0, 0.5, 2.0]
+        side = {} if crop else {"side": 1 / 8}
+        return call(maps, RATIOS, 16 * height - crop, 16 * width - crop, gains=gains, **side)
 
     return make
 
@@ -33,8 +35,18 @@ class TestUpsampleSum(InferenceOperator):
         (lambda: call([random(2, 2)], [4], 8, 9), r"maps that cover 8 x 9, got \[2, 2\] times 4"),
         (lambda: call([random(2, 2)], [3], 6, 6), "power of two, got 3"),
         (lambda: call([random(2, 2)], [-4], 6, 6), "power of two, got -4"),
-        (lambda: call([random(2, 2)] * 9, [4] * 9, 8, 8), "1 to 8 maps and as many ratios, got 9 and 9"),
-        (lambda: call([random(2, 2)], [4, 4], 8, 8), "1 to 8 maps and as many ratios, got 1 and 2"),
+        (
+            lambda: call([random(2, 2)] * 9, [4] * 9, 8, 8),
+            "1 to 8 maps, as many ratios, .* got 9, 9 and 0",
+        ),
+        (
+            lambda: call([random(2, 2)], [4, 4], 8, 8),
+            "1 to 8 maps, as many ratios, .* got 1, 2 and 0",
+        ),
+        (lambda: call([random(2, 2)], [4], 8, 8, gains=[1.0, 1.0]), "as many gains or none, got 1, 1 and 2"),
+        (lambda: call([random(2, 2)], [4], 8, 8, side=0.25), "0 if the last ratio is not 1, got 0.25"),
+        (lambda: call([random(2, 2)], [1], 2, 2, side=0.6), "side 0 to 0.5.* got 0.6"),
+        (lambda: call([random(2, 2)], [1], 2, 2, side=float("nan")), "side 0 to 0.5.* got nan"),
         (lambda: call([random(2, 2)], [4], 0, 8), "at least one pixel and at most .* got 0 x 8"),
         (lambda: call([random(2, 2)], [2**62], 2**40, 1), "at most 2\\^30 along each side, got 1099511627776 x 1"),
         (lambda: call([random(2, 0)], [2**62], 1, 1), r"maps that cover 1 x 1, got \[2, 0\]"),

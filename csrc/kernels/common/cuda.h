@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "affine_relu.h"
 #include "half.h"
 #include "isa.h"
 #include "tensor.h"
@@ -123,6 +124,89 @@ bool rows_aligned(const View<T, Rank>& v) {
   }
   return true;
 }
+
+/// Copies N elements from shared memory into registers, 16 bytes at a time; `from` is aligned to 16 bytes.
+template <class T, int N>
+ANYNET_DEVICE void copy_wide(const T* from, T (&to)[N]) {
+  if constexpr (N % wide<T> == 0) {
+#pragma unroll
+    for (int i = 0; i < N; i += wide<T>) {
+      const Pack<T, wide<T>> pack = *reinterpret_cast<const Pack<T, wide<T>>*>(from + i);
+#pragma unroll
+      for (int j = 0; j < wide<T>; ++j) to[i + j] = pack.value[j];
+    }
+  } else {
+#pragma unroll
+    for (int i = 0; i < N; ++i) to[i] = from[i];
+  }
+}
+
+// ---------------------------------------------------------------------------------------------------- arithmetic
+/// max(0, a); NaN stays NaN.
+template <class A>
+ANYNET_DEVICE A relu(A a) {
+  return a < 0 ? 0 : a;
+}
+
+/// The epilogue of a value of that plane, if there is one.
+template <class T>
+ANYNET_DEVICE accumulator_t<T> apply(const AffineRelu<T>& epilogue, int64_t plane, accumulator_t<T> value) {
+  if (epilogue.scale == nullptr) return value;
+  const int64_t c = plane % epilogue.channels;
+  return relu(read(epilogue.scale + c) * value + read(epilogue.shift + c));
+}
+
+/// A position on an axis of `size` elements, clamped to it: (1 - fraction) of `low` and `fraction` of `high`.
+struct LinearPosition {
+  int64_t low, high;
+  float fraction;
+
+  ANYNET_DEVICE LinearPosition(float p, int64_t size) {
+    low = static_cast<int64_t>(p > 0 ? p : 0);
+    low = low < size - 1 ? low : size - 1;
+    high = low + 1 < size ? low + 1 : low;
+    fraction = p - static_cast<float>(low);
+    fraction = fraction < 0 ? 0 : fraction > 1 ? 1 : fraction;
+  }
+
+  /// Of element i of an axis that is `ratio` times longer, align_corners=False.
+  ANYNET_DEVICE static LinearPosition half_pixel(int64_t i, float ratio, int64_t size) {
+    return {(static_cast<float>(i) + 0.5f) / ratio - 0.5f, size};
+  }
+  /// Of element i of an axis of `out_size`, align_corners=True.
+  ANYNET_DEVICE static LinearPosition corners(int64_t i, int64_t out_size, int64_t size) {
+    return {out_size > 1 ? static_cast<float>(i * (size - 1)) / static_cast<float>(out_size - 1) : 0.f, size};
+  }
+
+  ANYNET_DEVICE float between(float at_low, float at_high) const { return at_low + fraction * (at_high - at_low); }
+};
+
+/// The map [., width] at a position.
+ANYNET_DEVICE float bilinear(const float* map, int64_t width, const LinearPosition& y, const LinearPosition& x) {
+  const float *upper = map + y.low * width, *lower = map + y.high * width;
+  return x.between(y.between(read(upper + x.low), read(lower + x.low)),
+                   y.between(read(upper + x.high), read(lower + x.high)));
+}
+
+// -------------------------------------------------------------------------------------------------- one thread a pixel
+/// A thread's pixel where a launch has `Pixel::blocks(rows, width)` blocks of `Pixel::threads` threads: a warp has 32
+/// neighbors of one row.
+struct Pixel {
+  static constexpr int rows_per_block = 4;
+  static constexpr int threads_per_block = 32 * rows_per_block;
+  int64_t row, x;
+
+  ANYNET_DEVICE explicit Pixel(int64_t width) {
+    const unsigned tiles = static_cast<unsigned>((width + 31) / 32);
+    row = static_cast<int64_t>(blockIdx.x / tiles) * rows_per_block + threadIdx.y;
+    x = blockIdx.x % tiles * 32 + threadIdx.x;
+  }
+
+  static dim3 threads() { return {32, rows_per_block}; }
+  static int64_t blocks(int64_t rows, int64_t width) {
+    return (rows + rows_per_block - 1) / rows_per_block * ((width + 31) / 32);
+  }
+};
 
 // ------------------------------------------------------------------------------------------------- shared memory
 /// Hands out the block's dynamic shared memory, array after array; every thread must take the same arrays in order.

@@ -32,6 +32,25 @@ struct Conv {
   T* out;  // [N,O,D',H',W'], contiguous, D' = (D - 1) / stride + 1 and so on
 };
 
+/// Two convolutions of stride 1 with a ReLU between them:
+///
+///   out = relu_out( bias_second + weight_second * max(0, bias_first + weight_first * input) )
+///
+/// On CUDA they are one launch where what a tile needs of `input` and of what lies between fits into shared memory
+/// (`conv_pair_fits`); nothing of the latter goes through memory. Elsewhere they are two convolutions.
+template <class T>
+struct ConvPair {
+  ConvShape shape;         // of the first one
+  int64_t out_channels;    // O, of the second one
+  const T* input;          // [N,C,D,H,W], contiguous
+  const T* weight_first;   // [M,C,kd,3,3]
+  const T* bias_first;     // [M] or nullptr
+  const T* weight_second;  // [O,M,kd,3,3]
+  const T* bias_second;    // [O] or nullptr
+  bool relu_out;
+  T* out;  // [N,O,D,H,W]
+};
+
 template <class T>
 struct ConvBackwardInput {
   ConvShape shape;
@@ -56,5 +75,10 @@ struct ConvBackwardWeight {
 ANYNET_DECLARE_KERNEL(conv, Conv)
 ANYNET_DECLARE_KERNEL(conv_backward_input, ConvBackwardInput)
 ANYNET_DECLARE_KERNEL(conv_backward_weight, ConvBackwardWeight)
+
+namespace cuda {
+bool conv_pair_fits(const ConvShape& first);
+void conv_pair(const ConvPair<float>& args, Stream stream);
+}  // namespace cuda
 
 }  // namespace anynet

@@ -27,7 +27,7 @@ struct CostVolume {
   int64_t first;             // the offset of out[:,0]
   int64_t count;             // K, the number of offsets
   T* out;                    // [N,K,H,W], contiguous
-  AffineRelu<T> epilogue{};  // on the CPU; of sample n: channel n % channels
+  AffineRelu<T> epilogue{};  // of sample n: channel n % channels
 };
 
 template <class T>

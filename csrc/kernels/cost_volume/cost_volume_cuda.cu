@@ -25,17 +25,6 @@ constexpr int most_groups = 16;
 template <class T>
 constexpr int lane_offsets = 32 / sizeof(accumulator_t<T>);
 
-/// Copies shared memory into registers, 16 bytes at a time.
-template <class A, int N>
-ANYNET_DEVICE void copy_wide(const A* from, A (&to)[N]) {
-#pragma unroll
-  for (int i = 0; i < N; i += wide<A>) {
-    const Pack<A, wide<A>> pack = *reinterpret_cast<const Pack<A, wide<A>>*>(from + i);
-#pragma unroll
-    for (int j = 0; j < wide<A>; ++j) to[i + j] = pack.value[j];
-  }
-}
-
 /// How a block's warps are dealt out: `groups` of offsets times `rows`.
 struct Layout {
   int groups, rows;
@@ -112,7 +101,7 @@ __global__ void __launch_bounds__(32 * most_groups, 1) forward_grid(CostVolume<T
     for (int i = 0; i < lane_pixels; i += pack) {
       Pack<T, pack> values;
 #pragma unroll
-      for (int q = 0; q < pack; ++q) values.value[q] = from_accumulator<T>(cost[j][i + q]);
+      for (int q = 0; q < pack; ++q) values.value[q] = from_accumulator<T>(apply(a.epilogue, n, cost[j][i + q]));
       if (packs) {
         write_pack(out + i, values);
       } else {
@@ -159,7 +148,9 @@ __global__ void __launch_bounds__(threads_per_block) forward_disparity(CostVolum
   }
 #pragma unroll
   for (int k = 0; k < thread_offsets; ++k) {
-    if (k_begin + k < K) a.out[((n * K + k_begin + k) * H + y) * W + x] = from_accumulator<T>(cost[k]);
+    if (k_begin + k < K) {
+      a.out[((n * K + k_begin + k) * H + y) * W + x] = from_accumulator<T>(apply(a.epilogue, n, cost[k]));
+    }
   }
 }
 
@@ -330,7 +321,6 @@ void cost_volume(const CostVolume<T>& args, Stream stream) {
   CostVolume<T> a = args;
   const int64_t* size = a.left.size;
   check_row("cost_volume", size[3], a.count);
-  if (a.epilogue.scale != nullptr) throw std::runtime_error("cost_volume: expected no epilogue on CUDA, got one");
   const int64_t rows = size[0] * size[2];
   if (a.disparity.data != nullptr) {
     const int64_t offset_tiles = ceil_div(a.count, thread_offsets);

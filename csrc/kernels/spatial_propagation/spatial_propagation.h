@@ -24,7 +24,7 @@ struct SpatialPropagation {
   View<const T, 5> gates;  // [N,3,C,H,W], any strides
   int direction;           // 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top
   T* out;                  // [N,C,H,W], contiguous
-  bool normalize = false;  // on the CPU: each gate is first divided by the sum of its three's absolute values + 1e-8
+  bool normalize = false;  // each gate is first divided by the sum of its three's absolute values + 1e-8
 };
 
 template <class T>

@@ -37,6 +37,7 @@ struct Forward {
   Planes<const T> input, gate[3];
   Planes<T> out;
   int64_t C, lines, steps;
+  bool normalize;
 };
 
 template <class T>
@@ -88,6 +89,12 @@ ANYNET_DEVICE void write_steps(T* line, int64_t along, int64_t t, int64_t steps,
       if (t + i < steps) line[(t + i) * along] = from[i];
     }
   }
+}
+
+/// What each of a pixel's gates is multiplied by.
+template <class A>
+ANYNET_DEVICE A norm(bool normalize, A before, A same, A after) {
+  return normalize ? 1 / (fabs(before) + fabs(same) + fabs(after) + static_cast<A>(1e-8)) : 1;
 }
 
 /// Gates of one step; those without a neighbor are 0.
@@ -162,7 +169,9 @@ __global__ void __launch_bounds__(most_lines, 1) forward(Forward<T> a) {
     for (int i = 0; i < N; ++i) {
       const int64_t t = begin + i;
       if (!Packs && t >= a.steps) break;
-      const Gates<A> gates(to_accumulator(g[0][i]), to_accumulator(g[1][i]), to_accumulator(g[2][i]), t, r, a.lines);
+      const A g0 = to_accumulator(g[0][i]), g1 = to_accumulator(g[1][i]), g2 = to_accumulator(g[2][i]);
+      const A gain = norm(a.normalize, g0, g1, g2);
+      const Gates<A> gates(gain * g0, gain * g1, gain * g2, t, r, a.lines);
       const A* previous = h.buffer(i + 1);
       if (real) {
         value = gates.rest() * to_accumulator(x[i]) + gates.before * previous[r - 1] + gates.same * value +
@@ -187,7 +196,8 @@ __global__ void __launch_bounds__(threads_of_many, 1) forward_many(Forward<T> a)
     const A* previous = h.buffer(t + 1);
     for (int r = threadIdx.x; r < a.lines; r += blockDim.x) {
       const auto gate = [&](int j) { return read(a.gate[j].line(n, c, r) + t * a.gate[j].along); };
-      const Gates<A> gates(gate(0), gate(1), gate(2), t, r, a.lines);
+      const A g0 = gate(0), g1 = gate(1), g2 = gate(2), gain = norm(a.normalize, g0, g1, g2);
+      const Gates<A> gates(gain * g0, gain * g1, gain * g2, t, r, a.lines);
       const A value = gates.rest() * read(a.input.line(n, c, r) + t * a.input.along) + gates.before * previous[r - 1] +
                       gates.same * previous[r] + gates.after * previous[r + 1];
       h.buffer(t)[r] = value;
@@ -365,7 +375,6 @@ dim3 threads_for(int64_t lines) { return static_cast<unsigned>((lines + 31) / 32
 
 template <class T>
 void spatial_propagation(const SpatialPropagation<T>& args, Stream stream) {
-  if (args.normalize) throw std::runtime_error("spatial_propagation: expected normalized gates on CUDA, got others");
   const int64_t* size = args.input.size;
   const int d = args.direction;
   const int64_t lines = d < 2 ? size[2] : size[3], steps = d < 2 ? size[3] : size[2];
@@ -377,6 +386,7 @@ void spatial_propagation(const SpatialPropagation<T>& args, Stream stream) {
   a.C = size[1];
   a.lines = lines;
   a.steps = steps;
+  a.normalize = args.normalize;
   const int64_t shared = Exchange<accumulator_t<T>>::bytes(lines);
   if (lines > most_lines) {
     launch("spatial_propagation", forward_many<T>, size[0] * size[1], threads_of_many, shared, stream, a);

@@ -7,16 +7,18 @@
 
 namespace anynet {
 
-/// out[y,x] = gain * sum_i bilinear(map_i, (y + 1/2) / ratio_i - 1/2, (x + 1/2) / ratio_i - 1/2)
+/// out[y,x] = sum_i gain_i bilinear(map_i, (y + 1/2) / ratio_i - 1/2, (x + 1/2) / ratio_i - 1/2)
 ///
-/// Bilinear (PyTorch's align_corners=False); maps are padded by replication.
+/// Bilinear (PyTorch's align_corners=False); maps are padded by replication. The last map may be smoothed: along both
+/// axes, each value becomes 1 - 2 side of itself and `side` of both its neighbors.
 constexpr int max_maps = 8;
 template <class T>
 struct UpsampleSum {
   int count;                                                   // of maps, at most max_maps
   const T* map[max_maps];                                      // [height[i], width[i]], contiguous
   int64_t height[max_maps], width[max_maps], ratio[max_maps];  // ratios are powers of two
-  T gain;
+  T gain[max_maps];
+  T side;                         // of the last map, whose ratio is then 1; 0: nothing is smoothed
   int64_t out_height, out_width;  // not more than ratio * height, ratio * width
   T* out;                         // [out_height, out_width]
 };

@@ -47,6 +47,18 @@ void add_upsampled(const T* line, int64_t ratio, int64_t count, T* sum) {
   }
 }
 
+/// Row y of a map, smoothed; `column` has room for two more elements than a row.
+template <class T>
+void smooth_row(const T* map, int64_t width, int64_t height, int64_t y, T side, T* __restrict column,
+                T* __restrict line) {
+  const T *upper = map + std::max<int64_t>(y - 1, 0) * width, *own = map + y * width,
+          *lower = map + std::min(y + 1, height - 1) * width;
+  const T middle = 1 - 2 * side;
+  for (int64_t x = 0; x < width; ++x) column[x + 1] = middle * own[x] + side * (upper[x] + lower[x]);
+  column[0] = column[1], column[width + 1] = column[width];
+  for (int64_t x = 0; x < width; ++x) line[x] = middle * column[x + 1] + side * (column[x] + column[x + 2]);
+}
+
 }  // namespace
 
 template <class T>
@@ -55,19 +67,22 @@ void upsample_sum(const UpsampleSum<T>& a, int threads) {
   parallel_ranges(a.out_height, threads, [&](int64_t begin, int64_t end) {
     const int64_t widest = *std::max_element(a.width, a.width + a.count);
     const int64_t margin = std::min(*std::max_element(a.ratio, a.ratio + a.count) / 2, a.out_width);
-    Scratch<T> line(widest + 2 * lanes<T>), sum(margin + a.out_width + lanes<T>);
+    Scratch<T> line(widest + 2 * lanes<T>), column(widest + 2), sum(margin + a.out_width + lanes<T>);
     for (int64_t y = begin; y < end; ++y) {
       fill_zero<T>(sum, margin + a.out_width + lanes<T>);
       for (int i = 0; i < a.count; ++i) {
-        const int64_t half = std::min(a.ratio[i] / 2, a.out_width);
-        interpolate_rows<T>(a.map[i], a.width[i], a.height[i],
-                            half_pixel_position<T>(y, static_cast<T>(a.ratio[i]), a.height[i]), 2 * lanes<T>, line);
+        const int64_t half = std::min(a.ratio[i] / 2, a.out_width), width = a.width[i];
+        if (i == a.count - 1 && a.side > 0) {
+          smooth_row<T>(a.map[i], width, a.height[i], y, a.side, column, line);
+        } else {
+          interpolate_rows<T>(a.map[i], width, a.height[i],
+                              half_pixel_position<T>(y, static_cast<T>(a.ratio[i]), a.height[i]), 2 * lanes<T>, line);
+        }
+        for (int64_t x = 0; x < width + 2 * lanes<T>; ++x) line[x] *= a.gain[i];
         for (int64_t x = 0; x < half; ++x) sum[x] += line[0];
         add_upsampled<T>(line, a.ratio[i], a.out_width - half, sum + half);
       }
-      T* __restrict out = a.out + y * a.out_width;
-      const T* __restrict from = sum;
-      for (int64_t x = 0; x < a.out_width; ++x) out[x] = a.gain * from[x];
+      std::copy_n(static_cast<const T*>(sum), a.out_width, a.out + y * a.out_width);
     }
   });
 }

@@ -20,7 +20,7 @@ from anynet.baselines.dispnet import DispNetC
 from anynet.baselines.psmnet import PSMNet, PSMNetBasic
 from anynet.baselines.stereodnn import NVTiny, ResNet18Correlation
 from anynet.baselines.stereonet import StereoNet
-from anynet.checkpoint import check_tensors, read_safetensors, stored_object
+from anynet.checkpoint import check_tensors, find_weights, read_safetensors, stored_object
 from anynet.errors import AnyNetError
 from anynet.frame import check_images
 from anynet.model.anynet import normalize, resized
@@ -143,7 +143,7 @@ def load_baseline(path: str | os.PathLike[str]) -> BaselineModel:
     Raises:
         AnyNetError: if it is not that, or not all of it is finite.
     """
-    path = Path(path)
+    path = find_weights(path)
     config = stored_config(path)
     if config is None:
         raise AnyNetError(f"{path}: expected weights of a baseline ({', '.join(MODELS)}), got another file")

@@ -21,8 +21,7 @@ from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
     from anynet import AnyNetConfig, Estimate, Predictor
-
-Image = npt.NDArray[np.uint8]
+    from anynet.frame import Image
 
 _MARGIN = 16  # columns more than the matched corners need: they are few
 _LARGEST = 100_000
@@ -73,12 +72,17 @@ class ShiftedPredictor:
         return moved_back(estimate, self.min_disparity, left)
 
 
-def moved_apart(left: Image, right: Image, columns: int) -> tuple[Image, Image]:
+def moved_apart(left: Image, right: Image, columns: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
     """The pair [H, W, 3] with disparities that many pixels smaller; below 0, larger.
 
     Raises:
-        AnyNetError: if nothing would be left.
+        AnyNetError: if nothing would be left, or the images are not arrays.
     """
+    for image in (left, right):
+        if not isinstance(image, np.ndarray):
+            raise AnyNetError(f"min_disparity: expected images as arrays, got {type(image).__name__}")
+    assert isinstance(left, np.ndarray)
+    assert isinstance(right, np.ndarray)
     if columns < 0:  # more columns at the left image's left, and at the right image's right
         extra = ((0, 0), (-columns, 0), (0, 0)), ((0, 0), (0, -columns), (0, 0))
         return np.pad(left, extra[0], "edge"), np.pad(right, extra[1], "edge")

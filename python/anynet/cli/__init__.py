@@ -20,6 +20,7 @@ from importlib import import_module
 from types import FrameType
 from typing import TYPE_CHECKING, TextIO
 
+from anynet.cli.told import tell
 from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ COMMANDS = {
     "finetune": ("train", "Train weights further on other data."),
     "evaluate": ("evaluate", "Error and time of networks and of OpenCV's matchers on data sets."),
     "render": ("render", "Stereo pairs with exact ground truth, rendered here."),
+    "export": ("export", "The network for ONNX runtimes, torch.export and C++."),
     "info": ("info", "What is installed: build, instruction set, threads, weights."),
 }
 
@@ -55,17 +57,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
             finally:
                 sys.stdout.flush()  # a closed pipe or a full disk shows here, not at exit
         except AnyNetError as error:
-            _tell(str(error))
+            tell(str(error))
+            return 2
+        except ImportError as error:
+            if error.name != "anynet_ext":
+                raise
+            tell(str(error))  # not built, or not for this machine
             return 2
         except BrokenPipeError:
             _discard_output()
             return 1
         except OSError as error:  # a file, a folder or a stream; never the program's own mistake
             _discard_output()
-            _tell(": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None))
+            tell(": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None))
             return 2
         except MemoryError:
-            _tell("out of memory")
+            tell("out of memory")
             return 2
         except KeyboardInterrupt:
             return 130
@@ -144,12 +151,6 @@ def _discard_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _tell(text: str) -> None:
-    """One line on stderr, whatever is in the names of files."""
-    with suppress(OSError):
-        print("anynet:", *text.splitlines(), file=sys.stderr)
-
-
 def _show_warning(
     message: Warning | str,
     category: type[Warning],
@@ -158,4 +159,4 @@ def _show_warning(
     file: TextIO | None = None,
     line: str | None = None,
 ) -> None:
-    _tell(f"warning: {message}")
+    tell(f"warning: {message}")

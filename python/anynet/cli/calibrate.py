@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
@@ -14,7 +13,7 @@ from rich.console import Console
 
 from anynet.cli.sources import Size, Slop, Topic, Topics, open_source, size_of
 from anynet.cli.stopping import stopping
-from anynet.cli.told import tell
+from anynet.cli.told import tell, tell_warnings
 from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
@@ -90,7 +89,7 @@ def calibrate(
 
     named = (topics or ()) if topic is None else (topic,)
     source = open_source(left, right, split=split, size=size_of(size), topics=named, slop=slop)
-    tell(source.warnings)
+    tell_warnings(source.warnings)
     moving = not isinstance(source, ImageFiles)
     found: list[View] = []
     left_out: list[tuple[str, str]] = []
@@ -152,7 +151,7 @@ def _epipolar(left: Image, right: Image) -> Image:
 
 def _print(result: BoardCalibration, left_out: list[tuple[str, str]], files: list[Path], as_json: bool) -> None:
     for name, why in left_out:
-        print(f"anynet: {name}: left out: {why}", file=sys.stderr)
+        tell(f"{name}: left out: {why}")
     calibration = result.rectification.calibration
     if as_json:
         report = {

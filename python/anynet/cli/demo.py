@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.told import collected_warnings, tell
+from anynet.cli.device import Device
+from anynet.cli.told import collected_warnings, tell_warnings
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
 
@@ -45,6 +46,7 @@ def demo(
     input_scale: Annotated[
         float | None, typer.Option(help="Work on the images resized by this factor.", show_default="the weights'")
     ] = None,
+    device: Device = "cpu",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     view: Annotated[bool, typer.Option("--view", help="Then show the page of `anynet view` on the pair.")] = False,
 ) -> None:
@@ -70,10 +72,10 @@ def demo(
 
     from anynet import Predictor
 
-    predictor = Predictor(weights, threads=threads, input_scale=input_scale)
+    predictor = Predictor(weights, device=device, threads=threads, input_scale=input_scale)
     estimates, times = _run(predictor, prepare, sample)
     told += [*pair.warnings, *_truth_findings(sample, estimates[-1], truth)]
-    tell(told)
+    tell_warnings(told)
     _print_table(sample, estimates, times)
     for file in _write(out, pair, sample, estimates, times, save_rectified):
         print(file)
@@ -81,7 +83,7 @@ def demo(
         from anynet.cli.view import show
         from anynet.view import StillPair
 
-        show(StillPair(sample.name, sample.left, sample.right), prepare, weights, input_scale, threads, out)
+        show(StillPair(sample.name, sample.left, sample.right), prepare, weights, input_scale, device, threads, out)
 
 
 def _motorcycle() -> tuple[StereoSample, Calibration]:

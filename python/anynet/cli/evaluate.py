@@ -13,6 +13,7 @@ import typer
 from rich.console import Console
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
+from anynet.cli.device import Device
 from anynet.cli.told import telling_warnings
 from anynet.cli.trust import LeftRight
 from anynet.errors import AnyNetError
@@ -45,7 +46,8 @@ def evaluate(
     data: Annotated[
         list[str],
         typer.Option(
-            help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...]: folders:, csv:, ... (docs/data.md); repeatable."
+            help="Data to measure on, KIND:ROOT[?OPTION=VALUE&...], like kitti2015:DIR, folders:DIR?scale=4 (with "
+            "left/, right/ and disparity/), csv:FILE?scale=1000&unit=mm (docs/data.md); repeatable."
         ),
     ],
     weights: Annotated[
@@ -77,6 +79,7 @@ def evaluate(
     splits: Annotated[
         bool, typer.Option("--splits", help="Each weights on its own data, in order: mean and deviation of the splits.")
     ] = False,
+    device: Device = "cpu",
     threads: Annotated[
         int | None, typer.Option(help="CPU threads. Default: PyTorch's.", min=1, max=MAX_THREADS)
     ] = None,
@@ -112,12 +115,14 @@ def evaluate(
             raise AnyNetError("--confidence excludes --model, --method, --perturb and --splits")
         regions = [choice.value for choice in region or [Region.all]]
         prepare, origin = _preparation(cameras, open_dataset(data[0]), input_scale)
-        text = _confidence(data, weights or ["default"], regions, threads, input_scale, left_right, prepare, out)
+        text = _confidence(
+            data, weights or ["default"], regions, device, threads, input_scale, left_right, prepare, out
+        )
         print(text + origin, end="")
         return
     methods: list[tuple[str, Method]] = []
     for name in weights or ([] if method or model else ["default"]):
-        methods.append((name, open_method(name, threads=threads, input_scale=input_scale)))
+        methods.append((name, open_method(name, device=device, threads=threads, input_scale=input_scale)))
     for name in model or []:
         random = BaselineModel(BaselineConfig(model=name, input_scale=input_scale or 1))
         methods.append((f"{name}, random weights", BaselinePredictor(random, threads=threads).stages))
@@ -197,6 +202,7 @@ def _confidence(
     data: list[str],
     weights: list[str],
     regions: list[str],
+    device: str,
     threads: int | None,
     input_scale: float | None,
     left_right: bool,
@@ -209,7 +215,7 @@ def _confidence(
     from anynet.io.files import make_folder, write_atomically
 
     results = {}
-    predictors = {name: Predictor(name, threads=threads, input_scale=input_scale) for name in weights}
+    predictors = {name: Predictor(name, device=device, threads=threads, input_scale=input_scale) for name in weights}
     for spec in data:
         samples = open_dataset(spec)
         for name, predictor in predictors.items():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated, Any
 
 import typer
@@ -14,14 +13,12 @@ def info(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object, for machines.")] = False,
 ) -> None:
     """What is installed: build, instruction set, threads, weights."""
+    import anynet
     import anynet_ext
     from anynet.checkpoint import PACKAGED, load_metadata
 
-    try:
-        installed = version("anynet")
-    except PackageNotFoundError:
-        installed = "not installed: imported from a source tree"
-    found: dict[str, Any] = {"anynet": installed, "python": platform.python_version(), **anynet_ext.build_info()}
+    versions = {"anynet": anynet.__version__, "python": platform.python_version()}
+    found: dict[str, Any] = {**versions, **anynet_ext.build_info()}
     found["weights"] = {file.stem: load_metadata(file) for file in sorted(PACKAGED.glob("*.safetensors"))}
     if as_json:
         print(json.dumps(found))

@@ -27,6 +27,22 @@ class Pair:
     right: Path
 
 
+def share_of(pairs: list[Pair], shard: str) -> list[Pair]:
+    """The pairs of one of several processes, every N-th from the I-th on.
+
+    Args:
+        shard: "I/N", I from 1 to N.
+
+    Raises:
+        AnyNetError: if it is not that.
+    """
+    found = re.fullmatch(r"(\d{1,7})/(\d{1,7})", shard)
+    number, count = map(int, found.groups()) if found else (0, 0)
+    if not 1 <= number <= count:
+        raise AnyNetError(f"--shard: expected I/N with I from 1 to N, like 1/4, got {shard!r}")
+    return pairs[number - 1 :: count]
+
+
 def find_pairs(left: str, right: str) -> tuple[list[Pair], list[Path]]:
     """The pairs of two files, of two folders or of two glob patterns.
 

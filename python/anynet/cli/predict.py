@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.pairs import Pair, find_pairs
-from anynet.cli.results import DepthFormat, Format, Writer
-from anynet.cli.told import collected_warnings, tell
+from anynet.cli.device import Device
+from anynet.cli.pairs import Pair, find_pairs, share_of
+from anynet.cli.results import DepthFormat, Format, Writer, file_ids
+from anynet.cli.told import collected_warnings, tell, tell_warnings
 from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
@@ -76,6 +77,12 @@ def predict(
             help="Depth files: TIFF or NumPy in meters, or 16-bit PNG in millimeters; repeatable.", show_default="tiff"
         ),
     ] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N", help="Only every N-th pair, from the I-th on: for N processes or machines, I from 1 to N."
+        ),
+    ] = None,
     all_stages: Annotated[bool, typer.Option("--all-stages", help="Write the earlier stages too.")] = False,
     cameras: CameraOptions = UNKNOWN,
     save_rectified: Annotated[
@@ -89,6 +96,7 @@ def predict(
     left_right: LeftRight = False,
     min_confidence: MinConfidence = 0.0,
     drop_occluded: DropOccluded = False,
+    device: Device = "cpu",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per pair and line, for machines.")
@@ -104,45 +112,49 @@ def predict(
     if all_stages and budget_ms is not None:
         raise AnyNetError("--all-stages and --budget-ms exclude each other")
     pairs, alone = find_pairs(left, right)
+    share = pairs if shard is None else share_of(pairs, shard)
+    if len(share) < len(pairs) and share[:1] != pairs[:1]:
+        alone = []  # the first share tells
 
     from anynet.trust import Trust
 
     with collected_warnings() as told:
         calibration = cameras.read(pairs[0].left, _size(pairs[0].left))
     prepare = cameras.preparation(calibration, input_scale)
-    writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth)
+    inputs = file_ids(path for pair in pairs for path in (pair.left, pair.right))
+    writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth, inputs)
     trust = Trust(min_confidence, drop_occluded)
     asked = {"confidence": confidence or left_right or trust.asked, "left_right": left_right}
     request = Request(prepare, writer, budget_ms, stage, all_stages, save_rectified, told, trust, asked)
     for path in alone:
-        print(f"anynet: {path}: no image of this name in the other folder", file=sys.stderr)
+        tell(f"{path}: no image of this name in the other folder")
     make_folder(out)
 
     from anynet import Predictor  # takes seconds, so after the cheap checks
 
-    predictor = Predictor(weights, threads=threads, input_scale=input_scale)
+    predictor = Predictor(weights, device=device, threads=threads, input_scale=input_scale)
     if stage is not None and stage > predictor.config.stages:
         raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
-    tell(told)
+    tell_warnings(told)
     failed = 0
-    for pair in _progress(pairs):
+    for pair in _progress(share):
         try:
             report = _process(pair, predictor, request)
         except AnyNetError as error:
+            if as_json:
+                print(json.dumps({"name": pair.name, "error": str(error)}), flush=True)
             if len(pairs) == 1:
                 raise
             failed += 1
-            report = {"name": pair.name, "error": str(error)}
-            print(f"anynet: {pair.name}: {error}", file=sys.stderr)
-        for warning in report.get("warnings", []):
-            if warning not in told:
-                print(f"anynet: {pair.name}: warning: {warning}", file=sys.stderr)
+            tell(f"{pair.name}: {error}")
+            continue
+        tell_warnings([warning for warning in report["warnings"] if warning not in told], pair.name)
         if as_json:
             print(json.dumps(report), flush=True)
-        elif "error" not in report:
+        else:
             _print(report, files=len(pairs) == 1)
     if failed or alone:
-        raise AnyNetError(f"{failed} of {len(pairs)} pairs failed, {len(alone)} images have no partner")
+        raise AnyNetError(f"{failed} of {len(share)} pairs failed, {len(alone)} images have no partner")
 
 
 def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, Any]:
@@ -176,6 +188,7 @@ def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, An
         "width": prepared.left.shape[1],
         "height": prepared.left.shape[0],
         "stage": last.stage,
+        "stages": [estimate.stage for estimate in estimates],
         "elapsed_ms": [round(estimate.elapsed_ms, 3) for estimate in estimates],
         "calibration": None if calibration is None else calibration.values(),
         "files": results.files,

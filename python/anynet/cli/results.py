@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import warnings
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -11,12 +14,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from anynet.errors import AnyNetError
+
 if TYPE_CHECKING:
     from anynet import Estimate
     from anynet.camera import Calibration
 
 Image = npt.NDArray[np.uint8]
 Map = npt.NDArray[np.float32]
+FileId = tuple[int, int]
+
+
+def file_ids(paths: Iterable[Path]) -> frozenset[FileId]:
+    """What the system calls the files, equal for all names of one; those that are not there are left out."""
+    found = set()
+    for path in paths:
+        with suppress(OSError, ValueError):
+            status = os.stat(path)
+            found.add((status.st_dev, status.st_ino))
+    return frozenset(found)
 
 
 class Format(str, Enum):
@@ -44,6 +60,8 @@ class Writer:
     depth_formats: tuple[DepthFormat, ...] = (DepthFormat.tiff,)
     max_depth: float | None = None
     """Meters; None: what half a pixel of error still tells to 20 %."""
+    inputs: frozenset[FileId] = frozenset()
+    """Files that are not to be overwritten."""
 
     def of(self, name: str) -> Results:
         """For the pair of that name."""
@@ -113,6 +131,8 @@ class Results:
 
     def _path(self, kind: str, ending: str, stem: str | None = None) -> Path:
         path = self.writer.out / f"{self.name}_{stem or kind}.{ending}"
+        if file_ids([path]) & self.writer.inputs:
+            raise AnyNetError(f"{path}: is one of the images to read; choose another folder for the results")
         self.files[kind] = str(path)
         return path
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import warnings
 from collections import deque
 from collections.abc import Iterator
@@ -15,10 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.results import DepthFormat, Format, Writer
+from anynet.cli.device import Device
+from anynet.cli.results import DepthFormat, Format, Writer, file_ids
 from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source, size_of
 from anynet.cli.stopping import stopping
-from anynet.cli.told import collected_warnings, tell
+from anynet.cli.told import collected_warnings, tell_warnings
 from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
 from anynet.cli.view import show
 from anynet.errors import AnyNetError
@@ -97,6 +97,7 @@ def stream(
     view: Annotated[
         bool, typer.Option("--view", help="Show the page of `anynet view` instead; its button saves into --out.")
     ] = False,
+    device: Device = "cpu",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per frame and line, and a last one with a summary.")
@@ -129,14 +130,14 @@ def stream(
         with collected_warnings() as told:
             calibration = cameras.of_source(Path(source), opened)
         prepare = cameras.preparation(calibration, input_scale)
-        tell([*opened.warnings, *told])
+        tell_warnings([*opened.warnings, *told])
         if view:
-            show(opened, prepare, weights, input_scale, threads, out or Path("anynet-view"), rate=rate)
+            show(opened, prepare, weights, input_scale, device, threads, out or Path("anynet-view"), rate=rate)
             return
 
         from anynet import Predictor  # takes seconds, so after the cheap checks
 
-        predictor = Predictor(weights, threads=threads, input_scale=input_scale)
+        predictor = Predictor(weights, device=device, threads=threads, input_scale=input_scale)
         if stage is not None and stage > predictor.config.stages:
             raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
         running = Stream(
@@ -146,7 +147,7 @@ def stream(
         writer = None
         if out is not None:
             make_folder(out)
-            writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth)
+            writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth, file_ids(opened.files))
         sinks: list[Sink] = []
         for path in record or ():
             sinks.append(stack.enter_context(Recorder(path, depth_encoding.value, max_depth)))
@@ -169,9 +170,7 @@ def _run(
             report["warnings"] = list(
                 dict.fromkeys([*first, *result.warnings, *(heard.popleft() for _ in range(len(heard)))])
             )
-            for warning in report["warnings"]:
-                if warning not in told:
-                    print(f"anynet: {report['name']}: warning: {warning}", file=sys.stderr)
+            tell_warnings([warning for warning in report["warnings"] if warning not in told], report["name"])
             print(json.dumps(report) if as_json else _line(report), flush=True)
             if count == frames:
                 running.stop()

@@ -5,9 +5,11 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import wraps
 from typing import Any
+
+from anynet.errors import printable
 
 
 @contextmanager
@@ -20,10 +22,16 @@ def collected_warnings() -> Iterator[list[str]]:
     messages += dict.fromkeys(str(warning.message) for warning in caught)
 
 
-def tell(messages: Iterable[str]) -> None:
-    """Each as a line on stderr."""
+def tell(text: str) -> None:
+    """One line on stderr, whatever is in the names of files; nothing where that is closed or full."""
+    with suppress(OSError):
+        print("anynet:", printable(text), file=sys.stderr)
+
+
+def tell_warnings(messages: Iterable[str], about: str = "") -> None:
+    """Each as a line on stderr, which begins with the name of what it is `about`."""
     for message in messages:
-        print(f"anynet: warning: {message}", file=sys.stderr)
+        tell(f"{about}: warning: {message}" if about else f"warning: {message}")
 
 
 def telling_warnings(command: Callable[..., None]) -> Callable[..., None]:
@@ -36,7 +44,7 @@ def telling_warnings(command: Callable[..., None]) -> Callable[..., None]:
         def show(message: Warning | str, *_: Any) -> None:
             if str(message) not in told:
                 told.add(str(message))
-                tell([str(message)])
+                tell_warnings([str(message)])
 
         with warnings.catch_warnings():
             warnings.simplefilter("always", UserWarning)

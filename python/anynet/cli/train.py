@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import inspect
 import json
+import os
+import shlex
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
@@ -11,6 +13,7 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from anynet.cli.told import tell
 from anynet.errors import AnyNetError
 from anynet.model import presets
 from anynet.model.config import AnyNetConfig
@@ -34,7 +37,13 @@ def _command(name: str, default: str, summary: str) -> Callable[..., None]:
             recipe = replace(Recipe.load(out / RECIPE), **options)
         else:
             recipe = preset(start, **options)
-        print(train(recipe, out, resume=resume))
+        try:
+            print(train(recipe, out, resume=resume))
+        except KeyboardInterrupt:
+            if (out / RECIPE).exists() and os.environ.get("RANK", "0") == "0":
+                resuming = f"anynet {name} --out {shlex.quote(str(out))} --resume"
+                tell(f"interrupted; to go on: {resuming}")
+            raise
 
     types = get_type_hints(Recipe)
     parameters = [

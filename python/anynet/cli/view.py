@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
+from anynet.cli.device import Device
 from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source, size_of
 from anynet.cli.stopping import stopping
-from anynet.cli.told import collected_warnings, tell
+from anynet.cli.told import collected_warnings, tell_warnings
 
 if TYPE_CHECKING:
     from anynet.camera import PairPreparation
@@ -39,6 +40,7 @@ def view(
     out: Annotated[Path, typer.Option(help="Folder of what the page's button saves.")] = Path("anynet-view"),
     host: Host = "127.0.0.1",
     port: Port = 8080,
+    device: Device = "cpu",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
 ) -> None:
     """A page in the browser: images, confidence and cloud, and a slider for the time that a frame may take.
@@ -52,8 +54,8 @@ def view(
         with collected_warnings() as told:
             calibration = cameras.of_source(Path(source), opened)
         prepare = cameras.preparation(calibration, input_scale)
-        tell([*opened.warnings, *told])
-        show(opened, prepare, weights, input_scale, threads, out, host, port, rate)
+        tell_warnings([*opened.warnings, *told])
+        show(opened, prepare, weights, input_scale, device, threads, out, host, port, rate)
 
 
 def show(
@@ -61,6 +63,7 @@ def show(
     prepare: PairPreparation,
     weights: str,
     input_scale: float | None,
+    device: str,
     threads: int | None,
     out: Path,
     host: str = "127.0.0.1",
@@ -69,13 +72,15 @@ def show(
 ) -> None:
     """Serves the page until Ctrl-C or SIGTERM."""
     from anynet.checkpoint import PACKAGED, find_weights
+    from anynet.device import find_device
     from anynet.view import View
 
     find_weights(weights)  # a wrong name is told before the page is up
+    find_device(device)
     names = [file.stem for file in sorted(PACKAGED.glob("*.safetensors"))]
     view = View(
         source, prepare=prepare, weights=list(dict.fromkeys([weights, *names])), input_scale=input_scale,
-        threads=threads, host=host, port=port, out=out, rate=rate,
+        device=device, threads=threads, host=host, port=port, out=out, rate=rate,
     )  # fmt: skip
 
     with stopping(view.stop):

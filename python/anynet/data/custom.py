@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Collection
 from pathlib import Path
 
-from anynet.data.files import Files, PairFiles, folder, nothing
+from anynet.data.files import Files, PairFiles, files_in, folder, nothing
 from anynet.errors import AnyNetError
 from anynet.io.disparity import FORMATS
 from anynet.io.files import read_text, telling_damage
@@ -28,12 +29,7 @@ def folders(root: str | Path, scale: str | float | None = None) -> PairFiles:
     path = folder(root, wanted)
     images = endings()
     left, right, truth = (
-        {
-            file.stem: file
-            for file in sorted((path / side).glob("*.*"))
-            if file.name[0] != "." and file.suffix.lower() in known
-        }
-        for side, known in (("left", images), ("right", images), ("disparity", FORMATS))
+        _by_stem(path / side, known) for side, known in (("left", images), ("right", images), ("disparity", FORMATS))
     )
     stems = [stem for stem in left if stem in right and stem in truth]
     if not stems:
@@ -43,6 +39,14 @@ def folders(root: str | Path, scale: str | float | None = None) -> PairFiles:
     return PairFiles(path.name, files)
 
 
+def _by_stem(place: Path, known: Collection[str]) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for file in files_in(place, "*.*"):
+        if file.suffix.lower() in known and (other := found.setdefault(file.stem, file)) != file:
+            raise AnyNetError(f"{place}: expected one file of a name, got {other.name} and {file.name}")
+    return found
+
+
 def table(path: str | Path, scale: str | float | None = None, unit: str | None = None) -> PairFiles:
     """A CSV file with a header: left, right, and disparity, or depth (meters) with calibration.
 
@@ -50,6 +54,10 @@ def table(path: str | Path, scale: str | float | None = None, unit: str | None =
     default; a sample may also have no truth at all. `unit` is that of the calibrations' lengths: m, cm, mm, ...
     """
     source = Path(path)
+    if source.is_dir():
+        raise AnyNetError(
+            f"{path}: expected a CSV file, got a folder: one with left/, right/ and disparity/ is folders:{path}"
+        )
     if not source.is_file():
         raise AnyNetError(f"{path}: expected a CSV file with columns {', '.join(COLUMNS)}; there is no such file")
     factor = _factor(scale)

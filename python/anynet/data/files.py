@@ -139,6 +139,11 @@ def nothing(root: Path, what: str) -> AnyNetError:
     return AnyNetError(f"{root}: expected {what}; found {listing or 'an empty folder'}")
 
 
+def files_in(place: Path, pattern: str) -> list[Path]:
+    """Files that match, sorted, without hidden ones, such as macOS puts beside others (._NAME), and without pipes."""
+    return sorted(path for path in place.glob(pattern) if path.name[0] != "." and path.is_file())
+
+
 def first_existing(paths: Iterable[Path]) -> Path | None:
     return next((path for path in paths if path.exists()), None)
 

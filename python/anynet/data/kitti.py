@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from anynet.data.files import Files, PairFiles, folder, names_in, nothing
+from anynet.data.files import Files, PairFiles, files_in, folder, names_in, nothing
 from anynet.errors import AnyNetError
 
 
@@ -45,7 +45,7 @@ def _kitti(
     training = path / "training"
     files = {}
     for left, right in cameras:
-        for image in sorted((training / left).glob("*_10.png")):
+        for image in files_in(training / left, "*_10.png"):
             disparity = training / f"disp_{truth}{suffix}" / image.name
             if image.stem in files or not disparity.exists() or not (training / right / image.name).exists():
                 continue

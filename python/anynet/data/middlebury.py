@@ -14,7 +14,7 @@ from anynet.io.images import image_size
 
 def _scenes(name: str, root: str | Path, wanted: str, scene: Callable[[Path], Files | None]) -> PairFiles:
     path = folder(root, wanted)
-    places = [path, *sorted(p for p in path.iterdir() if p.is_dir())]
+    places = [path, *sorted(p for p in path.iterdir() if p.is_dir() and p.name[0] != ".")]
     files = [found for found in map(scene, places) if found is not None]
     if not files:
         raise nothing(path, wanted)

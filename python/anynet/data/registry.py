@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from inspect import signature
 
 from anynet.data.custom import folders, table
 from anynet.data.kitti import kitti2012, kitti2015
@@ -12,31 +13,21 @@ from anynet.data.scene_flow import scene_flow
 from anynet.errors import AnyNetError
 from anynet.samples import Concatenation, Dataset
 
-Options = dict[str, str]
-
-
-def _render(count: str, options: Options) -> Dataset:
-    return Rendered(int(count), **{key: int(value) for key, value in options.items()})
-
-
-def _files(load: Callable[..., Dataset]) -> Callable[[str, Options], Dataset]:
-    return lambda root, options: load(root, **options)
-
-
-OPENERS: dict[str, Callable[[str, Options], Dataset]] = {
-    "rendered": _files(RenderedFolder),
-    "render": _render,
-    "kitti2012": _files(kitti2012),
-    "kitti2015": _files(kitti2015),
-    "middlebury2001": _files(middlebury2001),
-    "middlebury2003": _files(middlebury2003),
-    "middlebury2005": _files(middlebury2006),
-    "middlebury2006": _files(middlebury2006),
-    "middlebury2014": _files(middlebury2014),
-    "eth3d": _files(eth3d),
-    "scene_flow": _files(scene_flow),
-    "folders": _files(folders),
-    "csv": _files(table),
+# Their functions: the first parameter is the root, of `render` a number, and the others are the options.
+OPENERS: dict[str, Callable[..., Dataset]] = {
+    "rendered": RenderedFolder,
+    "render": Rendered,
+    "kitti2012": kitti2012,
+    "kitti2015": kitti2015,
+    "middlebury2001": middlebury2001,
+    "middlebury2003": middlebury2003,
+    "middlebury2005": middlebury2006,
+    "middlebury2006": middlebury2006,
+    "middlebury2014": middlebury2014,
+    "eth3d": eth3d,
+    "scene_flow": scene_flow,
+    "folders": folders,
+    "csv": table,
 }
 
 
@@ -52,11 +43,19 @@ def open_dataset(spec: str) -> Dataset:
         )
     root, _, query = rest.partition("?")
     options = dict(part.partition("=")[::2] for part in query.split("&") if part)
+    load = OPENERS[kind]
+    known = list(signature(load).parameters)[1:]
+    for option in options:
+        if option not in known:
+            expected = f"options among {', '.join(known)}" if known else "no options"
+            raise AnyNetError(f"data set {spec!r}: expected {expected}, got {option!r}")
     try:
-        return OPENERS[kind](root, options)
+        if load is Rendered:
+            return Rendered(int(root), **{name: int(value) for name, value in options.items()})
+        return load(root, **options)
     except AnyNetError:
         raise
-    except (TypeError, ValueError) as error:  # an option that there is not, or that is no number
+    except ValueError as error:  # no number
         raise AnyNetError(f"data set {spec!r}: {error}") from None
 
 

@@ -14,11 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from anynet.data.files import files_in
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder, read_text, telling_damage, write_atomically
 from anynet.samples import MAX_DISPARITY, Dataset, RenderedSample
 from anynet.synthetic import render
 
+_MOST = 10**9
 SCALE = 256  # stored disparities are uint16, in 1/256 pixel
 
 
@@ -26,9 +28,10 @@ class Rendered(Dataset):
     """`count` pairs rendered when asked for, from the seeds `seed`, `seed` + 1, ..."""
 
     def __init__(self, count: int, seed: int = 0, height: int = 384, width: int = 768) -> None:
-        if count < 1 or seed < 0 or min(height, width) < 64:
+        if not (1 <= count <= _MOST and 0 <= seed <= 2**62 and 64 <= min(height, width) <= max(height, width) <= 16384):
             raise AnyNetError(
-                f"rendered pairs: expected 1 or more of 64 x 64 or more, got {count} of {width} x {height}"
+                f"rendered pairs: expected 1 to {_MOST} of 64 x 64 to 16384 x 16384, got {count} of {width} x {height} "
+                f"from seed {seed}"
             )
         self.name = "rendered"
         self._count, self._seed, self._size = count, seed, (height, width)
@@ -65,7 +68,7 @@ class RenderedFolder(Dataset):
     def __init__(self, root: str | Path) -> None:
         self.name = "rendered"
         self._root = Path(root)
-        self._files = sorted(self._root.glob("*.npy"))
+        self._files = files_in(self._root, "*.npy")
         if not self._files:
             raise AnyNetError(f"{root}: expected files NNNNNNN.npy written by `anynet render`, found none")
 

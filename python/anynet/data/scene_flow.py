@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from anynet.data.files import Files, PairFiles, first_existing, folder, nothing
+from anynet.data.files import Files, PairFiles, files_in, first_existing, folder, nothing
 from anynet.errors import AnyNetError
 
 
@@ -30,7 +30,7 @@ def scene_flow(root: str | Path, appearance: str = "clean", within: str = "") ->
         )  # RGB: the sampler
         if frames is None:
             continue
-        for left in sorted(frames.glob("**/left/*.png")):
+        for left in files_in(frames, "**/left/*.png"):
             between = left.relative_to(frames).parent.parent
             truths = place / "disparity" / between
             truth = first_existing((truths / "left" / f"{left.stem}.pfm", truths / f"{left.stem}.pfm"))

@@ -12,21 +12,28 @@ from anynet.predictor import Predictor
 
 
 def open_method(
-    weights: str | os.PathLike[str], *, threads: int | None = None, input_scale: float | None = None
+    weights: str | os.PathLike[str],
+    *,
+    device: str = "cpu",
+    threads: int | None = None,
+    input_scale: float | None = None,
 ) -> Method:
     """AnyNet, stage by stage, or a baseline, whichever the weights are of.
 
     Args:
         weights: a packaged name or a file.
+        device: as `Predictor`'s; baselines compute on the CPU.
         threads: CPU threads; default: as many as PyTorch uses.
         input_scale: as `Predictor`'s; a baseline has its own.
 
     Raises:
-        AnyNetError: if the weights cannot be loaded, or `input_scale` is given for a baseline's.
+        AnyNetError: if the weights cannot be loaded, or `input_scale` or another device is given for a baseline's.
     """
     path = find_weights(weights)
     if stored_config(path) is None:
-        return Predictor(weights, threads=threads, input_scale=input_scale).stages
+        return Predictor(weights, device=device, threads=threads, input_scale=input_scale).stages
+    if device != "cpu":
+        raise AnyNetError(f"{path}: expected device 'cpu' with a baseline's weights, got {device!r}")
     if input_scale is not None:
         raise AnyNetError(f"{path}: expected no input_scale with a baseline's weights, got {input_scale:g}")
     return BaselinePredictor(load_baseline(path), threads=threads).stages

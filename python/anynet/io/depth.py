@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from pathlib import Path
 
@@ -34,7 +35,7 @@ def read_depth(path: str | Path, scale: float | None = None) -> npt.NDArray[np.f
     """
     if scale is None and Path(path).suffix.lower() == ".png":
         text = open_image(path).info.get(_SCALE, "")
-        scale = float(text) if isinstance(text, str) and text.isdecimal() and 0 < int(text) < 1e6 else None
+        scale = float(text) if isinstance(text, str) and re.fullmatch("[1-9][0-9]{0,5}", text) else None
     depth = read_disparity(path, scale)
     depth[~(depth > 0)] = np.nan
     return depth

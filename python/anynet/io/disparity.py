@@ -98,7 +98,7 @@ def write_disparity(path: str | Path, disparity: npt.NDArray[np.float32]) -> Non
 def _read_png(path: str | Path, scale: float | None) -> npt.NDArray[np.float32]:
     image = open_image(path)
     if image.mode == "L" and scale is None:
-        raise AnyNetError(f"{path}: expected KITTI's 16 bits per pixel, got 8 bits, whose scale is not known")
+        raise AnyNetError(f"{path}: expected KITTI's 16 bits per pixel, got 8 bits: give the levels per pixel as scale")
     if image.mode != "L" and not image.mode.startswith("I"):
         raise AnyNetError(f"{path}: expected one channel of disparity, got an image of mode {image.mode}")
     levels = np.asarray(image).astype(np.float32)

@@ -56,6 +56,19 @@ def telling_damage(path: str | os.PathLike[str], what: str) -> Iterator[None]:
         raise AnyNetError(f"cannot read {path}: {what} ({one_line(error)})") from error
 
 
+def check_regular(path: str | os.PathLike[str]) -> None:
+    """For readers that open files themselves: to open a pipe may take for ever. What is missing they tell.
+
+    Raises:
+        AnyNetError: if it is a pipe, a socket or a device.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        return
+    _check_kind(path, mode)
+
+
 def read_bytes(path: str | os.PathLike[str], limit: int | None = None) -> bytes:
     """The content of a regular file: devices and pipes, which may have no end, are refused.
 
@@ -69,8 +82,7 @@ def read_bytes(path: str | os.PathLike[str], limit: int | None = None) -> bytes:
     limit = limit or 16 * max_pixels()
     try:
         status = os.stat(path)
-        if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
-            raise AnyNetError(f"cannot read {path}: expected a file, got a {_kind(status.st_mode)}")
+        _check_kind(path, status.st_mode)
         if status.st_size > limit:
             raise AnyNetError(f"cannot read {path}: expected at most {limit} bytes, got {status.st_size}")
         with open(path, "rb") as file:
@@ -136,7 +148,7 @@ def reason(error: Exception) -> str:
     return error.strerror if isinstance(error, OSError) and error.strerror else one_line(error)
 
 
-def _kind(mode: int) -> str:
-    if stat.S_ISFIFO(mode):
-        return "pipe"
-    return "socket" if stat.S_ISSOCK(mode) else "device"
+def _check_kind(path: str | os.PathLike[str], mode: int) -> None:
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        kind = "pipe" if stat.S_ISFIFO(mode) else "socket" if stat.S_ISSOCK(mode) else "device"
+        raise AnyNetError(f"cannot read {path}: expected a file, got a {kind}")

@@ -19,6 +19,7 @@ from anynet.io.files import check_size, max_pixels, read_bytes, telling_damage, 
 # Those that cameras and data sets use, without those that Pillow hands to other programs (EPS).
 FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP", "WEBP", "GIF", "JPEG2000", "TGA", "AVIF")
 _SCANS = 10  # of a JPEG of most pixels: each costs as much as decoding them all
+_DEFLATED = 1032  # most bytes that one byte of a PNG tells
 _SLOW_PIXELS = 2**20  # most that Pillow's decoders in Python are trusted with
 
 # What EXIF's orientation says to do with the stored pixels.
@@ -130,9 +131,16 @@ def _open(path: str | Path, data: bytes) -> ImageFile.ImageFile:
             raise AnyNetError(f"{path}: expected at most {max_pixels()} pixels; {one_line(error)}") from None
         check_size(path, *image.size)
     pixels = image.width * image.height
+    if image.format == "PNG" and _DEFLATED * len(data) < image.height * (image.width * _png_bits(data) // 8):
+        raise AnyNetError(f"{path}: expected more than {len(data)} bytes for {image.width} x {image.height} pixels")
     if image.format in ("JPEG", "MPO") and data.count(b"\xff\xda") * pixels > _SCANS * max_pixels():
         raise AnyNetError(f"{path}: expected a JPEG of {image.width} x {image.height} pixels to have fewer scans")
     return image
+
+
+def _png_bits(data: bytes) -> int:
+    """Bits of a PNG's pixel, as its header has them."""
+    return data[24] * {2: 3, 4: 2, 6: 4}.get(data[25], 1)
 
 
 def _upright(path: str | Path, image: ImageFile.ImageFile) -> Image.Image:
@@ -233,8 +241,9 @@ def to_8_bits(levels: Levels, bits: int) -> npt.NDArray[np.uint8]:
 
 
 def _looked_up(levels: npt.NDArray[Any], table: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """table[levels], row by row: NumPy takes 8 bytes per index."""
-    found = np.empty(levels.shape, table.dtype)
-    for row, stored in zip(found, levels, strict=True):
-        row[...] = table[stored]
-    return found
+    """table[levels], part by part: NumPy takes 8 bytes per index."""
+    found = np.empty(levels.size, table.dtype)
+    for start in range(0, levels.size, 2**20):
+        part = slice(start, start + 2**20)
+        found[part] = table[levels.reshape(-1)[part]]
+    return found.reshape(levels.shape)

@@ -44,11 +44,18 @@ class AnyNet(nn.Module):
         """The estimates one by one; each is computed, its part of the U-Net included, when it is asked for.
 
         Raises:
-            AnyNetError: when the first estimate is asked for, if the images are not of one shape [N, 3, H, W].
+            AnyNetError: when the first estimate is asked for, if the images are not of one shape [N, 3, H, W], or the
+                weights are neither float32 nor float64.
         """
         if left.shape != right.shape or left.dim() != 4 or left.shape[1] != 3 or 0 in left.shape[2:]:
             raise AnyNetError(
                 f"AnyNet: expected two images of one shape [N, 3, H, W], got {list(left.shape)} and {list(right.shape)}"
+            )
+        dtype = self.refinement.expand.weight.dtype
+        if dtype not in (torch.float32, torch.float64):
+            raise AnyNetError(
+                f"AnyNet: expected weights of float32 or float64, got {str(dtype)[6:]}: for half precision, leave them "
+                "as they are and compute under torch.autocast"
             )
         height, width = left.shape[2:]
         zoom = self.config.zoom
@@ -90,8 +97,9 @@ class AnyNet(nn.Module):
 
 def normalize(images: Tensor) -> Tensor:
     """RGB uint8 [N, 3, H, W] -> the network's input."""
-    mean, deviation = (255 * torch.tensor(values, device=images.device).view(3, 1, 1) for values in (MEAN, STD))
-    return (images - mean) / deviation
+    # Channel by channel: a tensor of constants would have the host wait for a GPU.
+    channels = zip(images.unbind(1), MEAN, STD, strict=True)
+    return torch.stack([(channel - 255 * mean) / (255 * deviation) for channel, mean, deviation in channels], 1)
 
 
 def resized(images: Tensor, scale: float) -> Tensor:

@@ -13,6 +13,7 @@ from torch import Tensor
 from anynet.errors import AnyNetError, one_line
 from anynet.io.files import read_text, write_atomically
 from anynet.model.deploy import DeployedAnyNet, StageResult, sum_at
+from anynet.model.graphs import GraphedAnyNet
 from anynet_ext import reference, warp
 
 _ops = torch.ops.anynet
@@ -45,7 +46,7 @@ def evidence_count(stage: int, last: bool) -> int:
 
 
 def gather_evidence(
-    network: DeployedAnyNet, result: StageResult, left: Tensor, right: Tensor, pixel: float = 1.0
+    network: DeployedAnyNet | GraphedAnyNet, result: StageResult, left: Tensor, right: Tensor, pixel: float = 1.0
 ) -> Evidence:
     """The evidence on a stage's result.
 
@@ -62,7 +63,7 @@ def gather_evidence(
         disparities.insert(0, _at(step, scale, size))
         if step.spread is not None:
             distribution, stride = step.spread
-            deviations.insert(0, sum_at([distribution.deviation()], [stride // scale], size, stride))
+            deviations.insert(0, sum_at([distribution.deviation()], [stride // scale], size, [stride]))
         step = step.before
     disparity = disparities[-1]
     outside, behind = (scale * distance for distance in reference.occlusion_distances(disparity / scale))
@@ -138,6 +139,9 @@ class ConfidenceModel:
             if got != expected:
                 raise AnyNetError(f"{path}: expected {expected} finite coefficients, got {got}")
         return cls(*models)
+
+    def to(self, device: torch.device) -> ConfidenceModel:
+        return ConfidenceModel(*([row.to(device) for row in getattr(self, name)] for name in _FIELDS))
 
     def write(self, path: Path) -> None:
         content = {name: [[round(float(v), 5) for v in row] for row in getattr(self, name)] for name in _FIELDS}

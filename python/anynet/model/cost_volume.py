@@ -97,7 +97,7 @@ class Distribution(NamedTuple):
         weight = (-self.cost[0]).softmax(0)
         extra = 0 if self.offsets is None else self.offsets.shape[1]
         count = len(weight) - extra
-        values = torch.arange(self.first, self.first + count, dtype=weight.dtype)
+        values = torch.arange(self.first, self.first + count, dtype=weight.dtype, device=weight.device)
         mean, square = (torch.stack([values, values**2]) @ weight[:count].flatten(1)).view(2, *weight.shape[1:])
         if self.offsets is not None:
             mean = mean + (weight[count:] * self.offsets[0]).sum(0)

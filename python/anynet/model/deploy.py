@@ -20,13 +20,15 @@ class StageResult:
     """What a stage has found, still small; calling it gives the disparity [H, W].
 
     Attributes:
-        maps, scales: the disparity is their sum, in pixels of the images; and pixels of the images per pixel of each.
+        maps, gains, scales: the disparity is the sum of the maps times their gains, in pixels of the images; and pixels
+            of the images per pixel of each map.
         size: H, W.
         spread: of a stage that has one, its distribution, and pixels of the images per pixel of it.
         before: the stage before.
     """
 
     maps: list[Tensor]
+    gains: list[float]
     scales: list[int]
     size: Sequence[int]
     spread: tuple[Distribution, int] | None
@@ -37,7 +39,7 @@ class StageResult:
 
     def at(self, scale: int, size: Sequence[int]) -> Tensor:
         """The disparity, in pixels of the images, at a resolution of one pixel per `scale` of theirs."""
-        return sum_at(self.maps, [s // scale for s in self.scales], size)
+        return sum_at(self.maps, [s // scale for s in self.scales], size, self.gains)
 
 
 class DeployedAnyNet(nn.Module):
@@ -80,46 +82,36 @@ class DeployedAnyNet(nn.Module):
         coarsest = self.config.stride
         scale = coarsest // self.first_stage.finer
         disparity, distribution = self.first_stage(next(levels), finer)
-        maps: list[Tensor] = [disparity[0, 0].mul_(scale)]  # in pixels of the images
-        scales: list[int] = [scale]  # pixels of the images per pixel of the map
-        result = StageResult(maps, scales, size, (distribution, scale), None)
+        maps, scales = [disparity[0, 0]], [scale]
+        gains = [float(scale)]
+        result = StageResult(maps, gains, scales, size, (distribution, scale), None)
         yield result
         for i, (stage, features) in enumerate(zip(self.residual_stages, levels, strict=True), 1):
             scale = coarsest >> i
-            disparity = _reduced(maps, scales, scale, features.shape[2:], 1 / scale)
+            disparity = _reduced(maps, [g / scale for g in gains], scales, scale, features.shape[2:])
             update, distribution = stage(features, disparity[None, None])
-            update = update[0, 0].mul_(scale)
-            maps, scales = ([update], [scale]) if stage.replaces else ([*maps, update], [*scales, scale])
-            result = StageResult(maps, scales, size, (distribution, scale), result)
+            if stage.replaces:
+                maps, gains, scales = [], [], []
+            maps, gains, scales = [*maps, update[0, 0]], [*gains, scale], [*scales, scale]
+            result = StageResult(maps, gains, scales, size, (distribution, scale), result)
             yield result
-        disparity = _reduced(maps, scales, scale, maps[-1].shape)
+        disparity = _reduced(maps, gains, scales, scale, maps[-1].shape)
         refined = self.refinement(left, right, disparity[None, None])[0, 0]
-        yield StageResult([refined], [scale * disparity.shape[1] // refined.shape[1]], size, None, result)
+        yield StageResult([refined], [1.0], [scale * disparity.shape[1] // refined.shape[1]], size, None, result)
 
 
-def sum_at(maps: list[Tensor], ratios: list[int], size: Sequence[int], gain: float = 1.0) -> Tensor:
-    """[h, w]: the sum of the maps, each enlarged by its ratio."""
-    out: Tensor = _ops.upsample_sum.default(maps, ratios, gain, *size)
+def sum_at(
+    maps: list[Tensor], ratios: list[int], size: Sequence[int], gains: Sequence[float] = (), side: float = 0.0
+) -> Tensor:
+    """[h, w]: the sum of the maps times their gains, each enlarged by its ratio; see `anynet_ext.upsample_sum`."""
+    out: Tensor = _ops.upsample_sum.default(maps, ratios, list(gains), side, *size)
     return out
 
 
-def _reduced(maps: list[Tensor], scales: list[int], scale: int, size: Sequence[int], gain: float = 1.0) -> Tensor:
-    """[h, w]: the sum of the maps, each enlarged to full size and reduced to one pixel per `scale`; times `gain`."""
-    if scales[-1] > scale:
-        return sum_at(maps, [s // scale for s in scales], size, gain)
-    disparity = _blur(gain * maps[-1], scale)
-    if len(maps) > 1:
-        disparity += sum_at(maps[:-1], [s // scale for s in scales[:-1]], size, gain)
-    return disparity
+def _reduced(maps: list[Tensor], gains: list[float], scales: list[int], scale: int, size: Sequence[int]) -> Tensor:
+    """[h, w]: the sum of the maps times their gains, enlarged to full size and reduced to one pixel per `scale`.
 
-
-def _blur(x: Tensor, factor: int) -> Tensor:
-    """Enlarged 2 or more times and reduced again: 1/8, 3/4, 1/8 or 1/16, 7/8, 1/16 and so on along both axes; the
-    border goes on."""
-    side = 1 / (4 * factor)
-    for d in (0, 1):
-        n = x.shape[d]
-        before = torch.cat([x.narrow(d, 0, 1), x.narrow(d, 0, n - 1)], d)
-        after = torch.cat([x.narrow(d, 1, n - 1), x.narrow(d, n - 1, 1)], d)
-        x = (1 - 2 * side) * x + side * (before + after)
-    return x
+    That smooths a map of this very scale: 1/8, 3/4, 1/8 along both axes if it is 2, 1/16, 7/8, 1/16 if it is 4.
+    """
+    side = 0.0 if scales[-1] > scale else 1 / (4 * scale)
+    return sum_at(maps, [s // scale for s in scales], size, gains, side)

@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from anynet.model.config import MEAN, STD, FeaturesConfig
-from anynet.model.layers import Convolution, PreActivation, affine_of, chain, deploy_chain, run
+from anynet.model.layers import Convolution, PreActivation, affine_of, chain, deploy_chain, in_pairs, run
 from anynet_ext import resize
 
 _ops = torch.ops.anynet
@@ -92,7 +92,7 @@ class DeployedSeparateFeatures(nn.Module):
     def __init__(self, features: SeparateFeatures, enlargement: int, stride: int) -> None:
         super().__init__()
         self.encoders = nn.ModuleList(e.deploy(enlargement, stride) for e in features.encoders)  # type: ignore[operator]
-        self.blocks = nn.ModuleList(deploy_chain(list(block)) for block in features.blocks)  # type: ignore[call-overload]
+        self.blocks = nn.ModuleList(in_pairs(deploy_chain(list(block))) for block in features.blocks)  # type: ignore[call-overload]
 
     def encode(self, left: Tensor, right: Tensor) -> list[Tensor]:
         coarsest = self.encoders[0]
@@ -121,8 +121,7 @@ class DeployedUNet(nn.Module):
         self.register_buffer("first_weight", weight.contiguous())
         self.register_buffer("first_bias", first_bias.detach() * norm_scale + norm_shift)
         self.register_buffer("second_weight", unet.halve.conv.weight.detach())
-        self.down = nn.ModuleList(deploy_chain(list(block), activated=True) for block in unet.down)  # type: ignore[call-overload]
-        self.up = nn.ModuleList(deploy_chain(list(block), activated=True) for block in unet.up)  # type: ignore[call-overload]
+        self.down, self.up = _deployed_blocks(unet.down), _deployed_blocks(unet.up)
         for part, blocks in (("down", unet.down), ("up", unet.up)):
             for i, block in enumerate(blocks):
                 scale, shift = affine_of(block[0].norm)  # type: ignore[index]
@@ -158,3 +157,7 @@ class DeployedUNet(nn.Module):
         for i, layers in enumerate(self.up):
             x = run(layers, _ops.upsample_concat.default(skips.pop(), x, *self._affine("up", i)))  # type: ignore[arg-type]
             yield x
+
+
+def _deployed_blocks(blocks: nn.ModuleList) -> nn.ModuleList:
+    return nn.ModuleList(in_pairs(deploy_chain(list(block), activated=True)) for block in blocks)  # type: ignore[call-overload]

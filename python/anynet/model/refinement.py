@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from anynet.model.config import MEAN, STD, RefinementConfig
-from anynet.model.layers import Convolution, init_normal, run
+from anynet.model.layers import Convolution, in_pairs, init_normal, run
 from anynet_ext import reference, resize, spatial_propagation, warp
 
 _ops = torch.ops.anynet
@@ -88,7 +88,7 @@ class DeployedRefinement(nn.Module):
         super().__init__()
         self.config, self.finest = refinement.config, refinement.finest
         *guidance, last = refinement.guidance
-        self.guidance = nn.ModuleList(layer.deploy(relu_out=True) for layer in guidance)  # type: ignore[operator]
+        self.guidance = in_pairs(layer.deploy(relu_out=True) for layer in guidance)  # type: ignore[operator]
         # Direction by direction, so that no more than one scan's gates are in memory.
         self.gates = nn.ModuleList()
         for weight in last.weight.detach().chunk(len(self.config.directions)):  # type: ignore[operator]

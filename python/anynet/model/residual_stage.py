@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from anynet.model.config import AnyNetConfig
 from anynet.model.cost_volume import DeployedCostVolume, Distribution, begin_undecided, cost_network, group_cost_volume
-from anynet.model.layers import PreActivation, affine_of, chain, deploy_chain, run
+from anynet.model.layers import PreActivation, affine_of, chain, deploy_chain, in_pairs, run
 from anynet_ext import cost_volume, reference, soft_argmin
 
 _ops = torch.ops.anynet
@@ -63,6 +63,7 @@ class DeployedResidualStage(nn.Module):
         if stage.reverse:
             for layer in self.layers:
                 layer.weight = torch.flip(layer.weight, (2,))  # type: ignore[arg-type]
+        self.layers = in_pairs(self.layers)
 
     def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
         cost = run(self.layers, self.volume(features, disparity))[:, 0]
@@ -104,7 +105,7 @@ class DeployedFullRangeStage(nn.Module):
         begin = stage.network[0]
         assert isinstance(begin, PreActivation)
         self.volume = DeployedCostVolume(stage.groups, self.first, last, affine_of(begin.norm))
-        self.layers = deploy_chain(list(stage.network), activated=True)
+        self.layers = in_pairs(deploy_chain(list(stage.network), activated=True))
 
     def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
         cost = run(self.layers, self.volume(features))[:, 0]
@@ -151,7 +152,7 @@ class DeployedCandidateStage(nn.Module):
     def __init__(self, stage: CandidateStage) -> None:
         super().__init__()
         self.groups, self.range, self.radius = stage.groups, stage.range, stage.radius
-        self.layers = deploy_chain(list(stage.network))
+        self.layers = in_pairs(deploy_chain(list(stage.network)))
 
     def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
         x = _ops.candidate_costs.default(features, disparity, self.groups, *self.range, self.radius)

@@ -11,10 +11,12 @@ import cv2
 import numpy as np
 
 from anynet.errors import AnyNetError
+from anynet.io.files import check_regular
 from anynet.shutdown import computing
 from anynet.streams.source import Frame, Image, Source, halves
 
 RATE = 30.0  # frames per second of a video that does not say
+_DIGITS = 4  # of a camera's index
 _PAUSE = 0.5  # seconds between two attempts to reconnect
 _TIMEOUT_MS = 5000  # for opening and reading network streams: a stop must not wait for longer
 
@@ -33,6 +35,8 @@ class Device(Protocol):
 def open_device(name: str) -> Device:
     """A camera by its index or device file, a network stream by its address, or a video file."""
     if name.isdecimal():
+        if len(name) > _DIGITS:
+            raise AnyNetError(f"expected the index of a camera, got {name}")
         return cv2.VideoCapture(int(name))
     if "://" in name:
         parameters = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _TIMEOUT_MS]
@@ -126,6 +130,8 @@ class Capture(Source):
     def _open_all(self) -> list[Device]:
         devices: list[Device] = []
         for name in self._names:
+            if not self.live:
+                check_regular(name)
             with computing():
                 device = self._open(name)
             devices.append(device)

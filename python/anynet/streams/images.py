@@ -17,19 +17,20 @@ class ImageFiles(Source):
     """Pairs of image files, at a given rate.
 
     Args:
-        files: name, left and right file of each frame; the right one None for side-by-side images.
+        pairs: name, left and right file of each frame; the right one None for side-by-side images.
         rate: frames per second; default: 10.
     """
 
-    def __init__(self, files: Sequence[tuple[str, Path, Path | None]], rate: float | None = None) -> None:
+    def __init__(self, pairs: Sequence[tuple[str, Path, Path | None]], rate: float | None = None) -> None:
         super().__init__()
         self.rate = rate or RATE
-        self._files = files
+        self._pairs = pairs
+        self.files = [file for _, *files in pairs for file in files if file is not None]
         self._closed = False
 
     @property
     def size(self) -> tuple[int, int] | None:
-        _, left, right = self._files[0]
+        _, left, right = self._pairs[0]
         try:
             height, width = read_image(left).shape[:2]
         except AnyNetError:  # told when the frame is read
@@ -38,7 +39,7 @@ class ImageFiles(Source):
 
     def frames(self) -> Iterator[Frame]:
         begin, rate = time.time_ns(), self.rate or RATE
-        for index, (name, left, right) in enumerate(self._files):
+        for index, (name, left, right) in enumerate(self._pairs):
             if self._closed:
                 return
             images = halves(read_image(left), str(left)) if right is None else read_pair(left, right)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anynet.errors import AnyNetError, one_line
+from anynet.io.files import check_regular
 from anynet.io.images import to_8_bits, used_bits
 from anynet.streams.ros import (
     CAMERA_INFO,
@@ -50,6 +52,9 @@ class Recording(Source):
     def __init__(self, path: str | Path, topics: Sequence[str] = (), split: bool = False, slop: float = 0.01) -> None:
         super().__init__()
         self._path = Path(path)
+        check_regular(path)
+        if not 0 <= slop < math.inf:
+            raise AnyNetError(f"expected slop of 0 seconds or more, got {slop:g}")
         self._slop = round(1e9 * slop)
         self._closed = False
         with self._opened() as reader:

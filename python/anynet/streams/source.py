@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 
 import numpy as np
@@ -44,11 +45,13 @@ class Source(ABC):
         rate: frames per second, if known.
         calibration: what the source itself says about its cameras; a rig if its images are raw.
         warnings: what the user should know about it.
+        files: the image files that it reads, if it reads such.
     """
 
     live = False
     rate: float | None = None
     calibration: Calibration | StereoRig | None = None
+    files: Sequence[Path] = ()
 
     def __init__(self) -> None:
         self.warnings: list[str] = []

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import torch
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import DataLoader, Dataset, default_collate
 
 from anynet.data import StereoSample
 from anynet.data.augment import augment, random_crop
@@ -20,7 +20,7 @@ FAR = 0.5  # pixels of disparity: `Recipe.far_weight` is for less
 Item = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
-class _Crops(Dataset[Item]):
+class _Crops(Dataset["Item | AnyNetError"]):
     """Draw number i of a run: epoch after epoch, each in an order of its own, augmented by a generator of its own."""
 
     def __init__(self, samples: Sequence[StereoSample], recipe: Recipe) -> None:
@@ -30,7 +30,14 @@ class _Crops(Dataset[Item]):
         self._epoch = -1
         self._order = np.empty(0, np.int64)
 
-    def __getitem__(self, draw: int) -> Item:
+    def __getitem__(self, draw: int) -> Item | AnyNetError:
+        """A damaged file's error as a value: raised by a worker, it would come with its traceback as text."""
+        try:
+            return self._item(draw)
+        except AnyNetError as error:
+            return error
+
+    def _item(self, draw: int) -> Item:
         recipe = self._recipe
         epoch, place = divmod(draw, len(self._samples))
         if epoch != self._epoch:
@@ -70,19 +77,38 @@ class _BatchSampler:
         return len(self._steps)
 
 
-def batches(samples: Sequence[StereoSample], recipe: Recipe, steps: range, processes: Processes) -> DataLoader[Item]:
+def _collated(items: list[Item | AnyNetError]) -> list[Tensor] | AnyNetError:
+    failed = next((item for item in items if isinstance(item, AnyNetError)), None)
+    return default_collate(items) if failed is None else failed
+
+
+def _raising(loader: DataLoader[Item | AnyNetError]) -> Iterator[list[Tensor]]:
+    for batch in loader:
+        if isinstance(batch, AnyNetError):
+            raise batch
+        yield batch
+
+
+def batches(
+    samples: Sequence[StereoSample], recipe: Recipe, steps: range, processes: Processes
+) -> Iterator[list[Tensor]]:
     """This process's part of the batches of `steps`.
 
     Each is left, right uint8 [B,3,h,w], disparity float32 [B,1,h,w] (0 where unknown), and the pixels' weights in the
     loss, float32 [B,1,h,w]: 0 where unknown, `recipe.occluded_weight` where the right crop does not show them, else 1;
     times `recipe.far_weight` where they are farther than FAR.
+
+    Raises:
+        AnyNetError: if the batch does not divide among the processes, or, later, if a sample cannot be read.
     """
     if recipe.batch_size % processes.world_size:
         raise AnyNetError(f"a batch of {recipe.batch_size} does not divide among {processes.world_size} processes")
-    return DataLoader(
+    loader = DataLoader(
         _Crops(samples, recipe),
+        collate_fn=_collated,
         batch_sampler=_BatchSampler(steps, recipe.batch_size, processes),  # type: ignore[arg-type]
         num_workers=recipe.workers,
         prefetch_factor=4 if recipe.workers else None,
         pin_memory=processes.device.type == "cuda",
     )
+    return _raising(loader)

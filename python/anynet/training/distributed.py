@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
+from anynet.errors import AnyNetError, one_line
 from anynet.model.layers import track
 
 
@@ -39,18 +41,38 @@ class Processes:
         return value
 
 
+def _number(name: str, default: int | None = None) -> int:
+    text = os.environ.get(name, None if default is None else str(default))
+    if text is None or not re.fullmatch("[0-9]{1,6}", text):
+        raise AnyNetError(f"expected {name} in the environment to be a number, as torchrun sets it, got {text!r}")
+    return int(text)
+
+
 @contextmanager
 def process_group(device: str | None) -> Iterator[Processes]:
-    """Joins the process group that torchrun describes in the environment; one process where there is none."""
+    """Joins the process group that torchrun describes in the environment; one process where there is none.
+
+    Raises:
+        AnyNetError: if there is no such device here, or the environment describes no process.
+    """
     kind = device or ("cuda" if torch.cuda.is_available() else "cpu")
-    world_size = int(os.environ.get("WORLD_SIZE", "1"))
+    if kind not in ("cpu", "cuda"):
+        raise AnyNetError(f"device: expected cpu or cuda, got {kind!r}")
+    if kind == "cuda" and not torch.cuda.is_available():
+        raise AnyNetError("device: expected cpu, got 'cuda', of which PyTorch finds none here")
+    world_size = _number("WORLD_SIZE", 1)
     if world_size == 1:
         yield Processes(0, 1, torch.device(kind))
         return
+    rank = _number("RANK")
     if kind == "cuda":
-        torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
-        kind = f"cuda:{os.environ['LOCAL_RANK']}"
-    dist.init_process_group("nccl" if kind.startswith("cuda") else "gloo")
+        local = _number("LOCAL_RANK")
+        torch.cuda.set_device(local)
+        kind = f"cuda:{local}"
+    try:
+        dist.init_process_group("nccl" if kind.startswith("cuda") else "gloo", rank=rank, world_size=world_size)
+    except (RuntimeError, ValueError) as error:
+        raise AnyNetError(f"cannot join the run's other processes: {one_line(error)}") from error
     try:
         yield Processes(dist.get_rank(), world_size, torch.device(kind))
     finally:

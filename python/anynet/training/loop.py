@@ -7,6 +7,7 @@ import json
 import math
 import os
 import time
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -71,6 +72,8 @@ def train(
     if not len(data):
         raise AnyNetError("no pairs to train on")
     with process_group(recipe.device) as group, _locked(out) if group.is_main else nullcontext():
+        if recipe.amp and group.device.type == "cpu" and group.is_main:
+            warnings.warn("amp is for CUDA: on a CPU it saves no time", stacklevel=2)
         if group.is_main:
             _begin(recipe, out, resume)
         group.barrier()
@@ -150,7 +153,7 @@ class _Run:
 
     def go(self) -> Path:
         recipe = self.recipe
-        loader = iter(batches(self.data, recipe, range(self.step, self.steps), self.group))
+        loader = batches(self.data, recipe, range(self.step, self.steps), self.group)
         validate_every = recipe.validate_every or self.steps
         path = self.out / LOG if self.group.is_main else None
         events = self.out / "tensorboard" if self.group.is_main and recipe.tensorboard else None

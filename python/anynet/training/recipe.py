@@ -11,7 +11,7 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from anynet.errors import AnyNetError, one_line
-from anynet.io.files import read_text
+from anynet.io.files import MAX_PIXELS, read_text
 from anynet.model import presets
 from anynet.model.config import AnyNetConfig, as_tuples
 from anynet.scheduler import MAX_THREADS
@@ -56,7 +56,9 @@ class Recipe:
     """
 
     data: tuple[str, ...] = _option(
-        (), "Training data, KIND:ROOT[?OPTION=VALUE&...]: folders:, csv:, ... (docs/data.md); several are joined."
+        (),
+        "Training data, KIND:ROOT[?OPTION=VALUE&...], like rendered:DIR, folders:DIR?scale=4 (with left/, right/ and "
+        "disparity/), csv:FILE?scale=1000&unit=mm (docs/data.md); several are joined.",
     )
     validation: tuple[str, ...] = _option((), "Data to measure on while training, KIND:ROOT[?OPTION=VALUE&...].")
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
@@ -128,6 +130,10 @@ class Recipe:
             raise AnyNetError("perturb is a part of augment, which is off")
         if min(self.crop_size) < 64:
             raise AnyNetError(f"crop_size must be at least 64x64, got {self.crop_size[0]}x{self.crop_size[1]}")
+        if self.crop_size[0] * self.crop_size[1] > MAX_PIXELS:
+            raise AnyNetError(
+                f"crop_size must have at most {MAX_PIXELS} pixels, got {self.crop_size[0]}x{self.crop_size[1]}"
+            )
         if not self.learning_rate > 0:
             raise AnyNetError(f"learning_rate must be positive, got {self.learning_rate}")
         for name in ("occluded_weight", "far_weight"):
@@ -139,6 +145,8 @@ class Recipe:
             raise AnyNetError(f"ema_decay must be in [0, 1), got {self.ema_decay}")
         if self.schedule not in ("constant", "step", "cosine"):
             raise AnyNetError(f"schedule must be constant, step or cosine, got {self.schedule!r}")
+        if self.device not in (None, "cpu", "cuda"):
+            raise AnyNetError(f"device must be cpu or cuda, got {self.device!r}")
         if not self.max_grad_norm >= 0:
             raise AnyNetError(f"max_grad_norm must be positive or 0, got {self.max_grad_norm}")
 
@@ -187,7 +195,12 @@ class Recipe:
         for option in fields(self):
             old, new = getattr(self, option.name), getattr(other, option.name)
             if old != new and not option.metadata["runtime"]:
-                raise AnyNetError(f"{option.name} was {old!r} when the run began, so it cannot be {new!r} on resuming")
+                longer = ""
+                if option.name in ("steps", "epochs"):
+                    longer = ": to train longer, begin another with `anynet finetune --weights RUN/weights.safetensors`"
+                raise AnyNetError(
+                    f"{option.name} was {old!r} when the run began, so it cannot be {new!r} on resuming{longer}"
+                )
 
 
 ENLARGED = Recipe(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from anynet.errors import AnyNetError
+from anynet.io.files import reason
 from anynet.visualize import RGBImage, colorbar, colorize, disparity_image, limits_of
 
 if TYPE_CHECKING:
@@ -53,7 +55,7 @@ class Page:
         input_scale: chosen at first.
 
     Raises:
-        AnyNetError: if viser is missing.
+        AnyNetError: if viser is missing, or nothing can listen on the host.
     """
 
     def __init__(self, host: str, port: int, weights: Sequence[str], input_scale: float | None = None) -> None:
@@ -64,6 +66,7 @@ class Page:
         self.changed = threading.Event()
         self.step = threading.Event()
         self.save = threading.Event()
+        _check_host(host)
         self._server = viser.ViserServer(host=host, port=port, label="AnyNet", verbose=False)
         self._server.scene.set_up_direction("-y")  # the camera's y points down
         self._server.initial_camera.position = (0.0, 0.0, 0.0)
@@ -171,3 +174,12 @@ def _small(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         values, (PANEL, max(1, round(height * PANEL / width))), interpolation=interpolation
     )
     return small
+
+
+def _check_host(host: str) -> None:
+    """viser waits for ever for a server that cannot listen."""
+    try:
+        family, *_ = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        socket.create_server((host, 0), family=family).close()
+    except (OSError, UnicodeError) as error:
+        raise AnyNetError(f"cannot listen on the host {host}: {reason(error)}") from error

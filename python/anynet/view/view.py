@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from anynet.camera import Calibration, PairPreparation, PreparedPair
-from anynet.cli.results import Format, Writer
-from anynet.errors import AnyNetError
+from anynet.cli.results import Writer, file_ids
+from anynet.errors import AnyNetError, printable
 from anynet.io.files import make_folder
 from anynet.predictor import Estimate, Predictor
 from anynet.streams import Frame, Source
@@ -52,7 +52,7 @@ class View:
         prepare: what is known of the cameras; without a calibration the cloud's shape is right and its size unknown.
         weights: to choose from, the first one chosen.
         input_scale: chosen at first.
-        threads: see `Predictor`.
+        device, threads: see `Predictor`.
         host, port: see `Page`.
         out: folder of what "save" saves.
         rate: frames per second at which recordings are played, in place of their own pace.
@@ -66,8 +66,9 @@ class View:
         source: Source,
         *,
         prepare: PairPreparation | None = None,
-        weights: Sequence[str] = ("default", "large", "kitti"),
+        weights: Sequence[str] = ("default", "paper", "large", "kitti"),
         input_scale: float | None = None,
+        device: str = "cpu",
         threads: int | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
@@ -76,7 +77,7 @@ class View:
     ) -> None:
         self._source = source
         self._prepare = prepare or PairPreparation(check=False)
-        self._threads = threads
+        self._device, self._threads = device, threads
         self._out = out
         self._rate = None if source.live else rate
         self._stopped = threading.Event()
@@ -135,7 +136,7 @@ class View:
                 if count == 1:
                     self._prepare = self._prepare.following(pair)  # the others are not looked at as closely
                     for warning in pair.warnings:
-                        print(f"anynet: {frame.name}: warning: {warning}", file=sys.stderr)
+                        print(printable(f"anynet: {frame.name}: warning: {warning}"), file=sys.stderr)
                 yield frame, pair
             if not count:
                 raise AnyNetError("the source has no frames")
@@ -168,7 +169,9 @@ class View:
         key = settings.weights, settings.input_scale
         if key != self._key or self._predictor is None:
             self.page.tell(f"loading `{settings.weights}`")
-            self._predictor = Predictor(settings.weights, threads=self._threads, input_scale=settings.input_scale)
+            self._predictor = Predictor(
+                settings.weights, device=self._device, threads=self._threads, input_scale=settings.input_scale
+            )
             self._key = key
         predictor = pair.predictor(self._predictor)
         asked: dict[str, Any] = {"confidence": True, "left_right": settings.left_right}
@@ -197,7 +200,8 @@ class View:
         self, frame: Frame, pair: PreparedPair, estimate: Estimate, kept: npt.NDArray[np.float32], settings: Settings
     ) -> None:
         make_folder(self._out)
-        results = Writer(self._out, Format.png, max_depth=settings.max_depth).of(frame.name)
+        writer = Writer(self._out, max_depth=settings.max_depth, inputs=file_ids(self._source.files))
+        results = writer.of(frame.name)
         results.write_disparity("", kept, limits_of(estimate.disparity))
         results.write_trust(estimate)
         if pair.calibration is not None:

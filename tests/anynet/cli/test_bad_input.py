@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from anynet.errors import printable
 from anynet.io import read_disparity, read_image, write_image
 
 from .conftest import Run
@@ -181,3 +182,48 @@ def test_a_really_full_disk(pair: tuple[Path, Path], weights: Path, tmp_path: Pa
         assert list(out.iterdir()) == []
     finally:
         subprocess.run(["umount", str(out)], check=True)
+
+
+@pytest.mark.parametrize("isa", ["avx3", "\x1b[31m"])
+@pytest.mark.parametrize("name", ["info", "predict", "evaluate"])
+def test_an_instruction_set_that_cannot_be_used(pair: tuple[Path, Path], tmp_path: Path, isa: str, name: str) -> None:
+    arguments: dict[str, tuple[object, ...]] = {"info": (), "predict": (*pair, "--out", tmp_path / "out"),
+                                                "evaluate": ("--data", "rendered:?count=1")}  # fmt: skip
+    result = subprocess.run(
+        command(name, *arguments[name]), env={**os.environ, "ANYNET_ISA": isa}, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert (result.returncode, result.stdout) == (2, "")
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"anynet: ANYNET_ISA={printable(isa)}: expected one of ")
+    assert "baseline" in line
+
+
+def test_a_single_pair_that_fails_is_an_object_too(
+    run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path
+) -> None:
+    pair[1].write_bytes(b"damaged")
+    result = run("predict", *pair, "--out", tmp_path / "out", "--weights", weights, "--json")
+    assert result.status == 2
+    report = json.loads(result.out)
+    assert report == {"name": "left", "error": f"cannot read {pair[1]}: not an image of a known format"}
+    assert result.err == f"anynet: {report['error']}\n"
+
+
+def test_results_that_would_replace_images(
+    run: Run, scene: tuple[np.ndarray, ...], weights: Path, tmp_path: Path
+) -> None:
+    folders = tmp_path / "lefts", tmp_path / "rights"
+    for folder, image in zip(folders, scene, strict=True):
+        folder.mkdir()
+        for name in ("a", "a_color", "b"):
+            write_image(folder / f"{name}.png", image)
+    images = {path: path.read_bytes() for folder in folders for path in folder.iterdir()}
+    out = tmp_path / "link"
+    out.symlink_to(folders[0])  # by any name
+    for command in (("predict",), ("stream", "--stage", 1)):
+        result = run(*command, *folders, "--out", out, "--weights", weights)
+        assert result.status == 2
+        told = f"{out / 'a_color.png'}: is one of the images to read; choose another folder for the results"
+        assert told in result.err
+        assert {path: path.read_bytes() for path in images} == images

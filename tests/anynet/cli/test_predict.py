@@ -76,6 +76,27 @@ def test_budget(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path
     assert json.loads(run(*arguments, 100_000).out)["stage"] == 4
 
 
+def test_a_time_says_of_which_stage_it_is(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+    arguments = ("predict", *pair, "--out", tmp_path / "out", "--weights", weights, "--json")
+    for options, stages in (([], [1, 2, 3, 4]), (["--stage", 2], [1, 2]), (["--budget-ms", 0], [1])):
+        report = json.loads(run(*arguments, *options).out)
+        assert report["stages"] == stages
+        assert len(report["elapsed_ms"]) == len(stages)
+
+
+def test_shards_have_every_pair_once(run: Run, folders: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+    for shard, expected in (("1/2", "ac"), ("2/2", "b"), ("4/4", "")):
+        out = tmp_path / shard.replace("/", "of")
+        result = run("predict", *folders, "--out", out, "--weights", weights, "--shard", shard)
+        assert (result.status, result.err) == (0, "")
+        assert [name[0] for name in names(out) if name.endswith("disparity.png")] == list(expected)
+    for shard in ("0/2", "3/2", "1", "a/b"):
+        result = run("predict", *folders, "--out", tmp_path, "--weights", weights, "--shard", shard)
+        assert (result.status, result.err) == (
+            2, f"anynet: --shard: expected I/N with I from 1 to N, like 1/4, got {shard!r}\n"
+        )  # fmt: skip
+
+
 def test_depth_and_cloud(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
     calib, out = tmp_path / "calib.txt", tmp_path / "out"
     calib.write_text(MIDDLEBURY)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,7 @@ def test_images_without_a_partner_are_told(folders: tuple[Path, Path]) -> None:
         (["/dev/video77", "/dev/video78"], {}, "cannot open /dev/video77: no such camera"),
         (["none.mp4", "none.mp4"], {}, "cannot open none.mp4"),
         (["none.mcap"], {}, "none.mcap: not a readable ROS bag or MCAP file"),
+        (["none.mcap"], {"slop": float("inf")}, "expected slop of 0 seconds or more, got inf"),
         (["none/*.png", "none/*.png"], {}, "no file matches none/"),
     ],
 )
@@ -57,9 +59,23 @@ def test_sources_that_cannot_be(names: list[str], options: dict[str, object], me
     assert str(caught.value).startswith(message)
 
 
+@pytest.mark.parametrize("ending", [".mp4", ".bag", ".mcap", ".db3"])
+def test_a_pipe_is_refused_not_waited_for(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"pipe{ending}"
+    os.mkfifo(path)
+    with pytest.raises(AnyNetError, match=f"cannot read {path}: expected a file, got a pipe"):
+        open_source(str(path), split=True)
+
+
+@pytest.mark.parametrize("index", ["9" * 30, "9" * 5000, "\u0663" * 12])
+def test_an_index_that_no_camera_has(index: str) -> None:
+    with pytest.raises(AnyNetError, match="expected the index of a camera, got "):
+        open_source(index, split=True)
+
+
 def test_size() -> None:
     assert size_of("1280x720") == (1280, 720)
     assert size_of(None) is None
-    for text in ("1280", "1280x", "0x5", "axb", "1280x720x3", "9999999x1"):
+    for text in ("1280", "1280x", "0x5", "axb", "1280x720x3", "9999999x1", f"{'9' * 5000}x1", "\u0663x1"):
         with pytest.raises(AnyNetError, match="expected a size like 1280x720, got "):
             size_of(text)

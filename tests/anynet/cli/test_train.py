@@ -48,3 +48,15 @@ def test_every_field_is_an_option(
     assert all(f"--{field.name.replace('_', '-')}" in text for field in fields(Recipe))
     assert main(["train", "--out", str(tmp_path), "--network", "depth=2"]) == 2
     assert "expected options among input_scale" in capsys.readouterr().err
+
+
+def test_an_interrupted_run_says_how_to_go_on(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(recipe: Recipe, out: Path, resume: bool) -> Path:
+        (out / "recipe.json").write_text(recipe.to_json())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("anynet.training.loop.train", interrupted)
+    assert main(["finetune", "--out", str(tmp_path)]) == 130
+    assert capsys.readouterr().err == (f"anynet: interrupted; to go on: anynet finetune --out {tmp_path} --resume\n")

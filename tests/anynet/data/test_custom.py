@@ -115,6 +115,11 @@ def test_own_folders_and_table(tmp_path: Path) -> None:
     assert np.isnan(unknown.disparity).all()
 
 
+def test_a_folder_is_no_table(tmp_path: Path) -> None:
+    with pytest.raises(AnyNetError, match=r"expected a CSV file, got a folder: .* is folders:"):
+        open_dataset(f"csv:{tmp_path}")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -130,3 +135,12 @@ def test_wrong_tables(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "pairs.csv").write_text(text)
     with pytest.raises(AnyNetError, match=message):
         open_dataset(f"csv:{tmp_path / 'pairs.csv'}")
+
+
+@pytest.mark.parametrize(("side", "ending"), [("left", ".jpg"), ("right", ".tiff"), ("disparity", ".npy")])
+def test_two_files_of_one_name(root: Path, side: str, ending: str) -> None:
+    kept = "a.pfm" if side == "disparity" else "a.png"
+    (root / side / f"a{ending}").write_bytes(b"another")
+    names = " and ".join(sorted([kept, f"a{ending}"]))
+    with pytest.raises(AnyNetError, match=f"{root / side}: expected one file of a name, got {names}"):
+        open_dataset(f"folders:{root}")

@@ -49,3 +49,11 @@ def test_damaged_split_files(tmp_path: Path, content: bytes) -> None:
             open_dataset(f"kitti2015:{tmp_path}?split=list.txt")
     else:
         assert len(open_dataset(f"kitti2015:{tmp_path}?split=list.txt")) == 0
+
+
+def test_files_that_macos_puts_beside_others(tmp_path: Path) -> None:
+    folders = [tmp_path / "training" / name for name in ("image_2", "image_3", "disp_noc_0")]
+    tree(tmp_path / "training", *(f"{folder.name}/000000_10.png" for folder in folders))
+    for folder in folders:
+        (folder / "._000000_10.png").write_bytes(b"\0\5\26\7")
+    check(open_dataset(f"kitti2015:{tmp_path}"), ["000000_10"])

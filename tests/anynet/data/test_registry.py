@@ -75,7 +75,9 @@ def test_specs(tmp_path: Path) -> None:
     [
         ("somewhere", "expected KIND:ROOT"),
         ("moon:somewhere", "expected KIND:ROOT"),
-        ("rendered:somewhere?color=red", "unexpected keyword argument 'color'"),
+        ("rendered:somewhere?color=red", "expected no options, got 'color'"),
+        ("folders:somewhere?scales=4", "expected options among scale, got 'scales'"),
+        ("render:3?hight=96", "expected options among seed, height, width, got 'hight'"),
         ("rendered:/nowhere", "expected files NNNNNNN.npy written by `anynet render`, found none"),
     ],
 )
@@ -84,7 +86,9 @@ def test_wrong_specs(spec: str, message: str) -> None:
         open_datasets([spec])
 
 
-@pytest.mark.parametrize("spec", ["render:abc", "render:-1", "render:1?height=x", "render:1?height=3", "render:1?a=2"])
+@pytest.mark.parametrize("spec", ["render:abc", "render:-1", "render:1?height=x", "render:1?height=3", "render:1?a=2",
+                                  "render:" + "9" * 20, "render:" + "9" * 5000, "render:1?height=16385",
+                                  f"render:1?seed={2**63}"])  # fmt: skip
 def test_options_that_cannot_be(spec: str) -> None:
     with pytest.raises(AnyNetError, match=r"^[^\n]+$"):
         open_dataset(spec)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -47,3 +48,10 @@ def test_a_damaged_note_of_the_settings(tmp_path: Path) -> None:
     (tmp_path / "render.json").write_bytes(b"{broken\n")
     with pytest.raises(AnyNetError, match=r"holds pairs rendered with '\{broken', asked for"):
         next(write_rendered(tmp_path, 1))
+
+
+def test_what_else_lies_in_the_folder_is_left_out(tmp_path: Path) -> None:
+    list(write_rendered(tmp_path, 1, height=96, width=128))
+    (tmp_path / "._0000000.npy").write_bytes(b"\0\5\26\7")
+    os.mkfifo(tmp_path / "0000001.npy")  # to open it would take for ever
+    assert [sample.name for sample in RenderedFolder(tmp_path)] == ["0000000"]

@@ -24,3 +24,11 @@ def test_scene_flow_layouts(tmp_path: Path) -> None:
     assert open_dataset(root)[0].noc is not None
     with pytest.raises(AnyNetError, match="within TRAIN/C; found disparity/, frames_cleanpass/, frames_finalpass/"):
         open_dataset(root + "?within=TRAIN/C")
+
+
+def test_files_that_macos_puts_beside_others(tmp_path: Path) -> None:
+    for folder, ending in (("frames_cleanpass/a/left", "png"), ("frames_cleanpass/a/right", "png"),
+                           ("disparity/a/left", "pfm")):  # fmt: skip
+        tree(tmp_path, f"{folder}/0.{ending}")
+        (tmp_path / folder / f"._0.{ending}").write_bytes(b"\0\5\26\7")
+    check(open_dataset(f"scene_flow:{tmp_path}"), ["a/0"])

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from anynet.errors import AnyNetError
 from anynet.io import read_depth, write_depth
@@ -46,3 +47,11 @@ def test_what_is_not_in_front_is_unknown(tmp_path: Path) -> None:
 def test_other_endings(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match=r"ending in \.tiff, \.npy or \.png"):
         write_depth(tmp_path / "depth.jpg", DEPTH)
+
+
+@pytest.mark.parametrize("levels", ["9" * 5000, "0", "-1", "nan", "\u0661", ""])
+def test_levels_that_cannot_be(tmp_path: Path, levels: str) -> None:
+    text = PngInfo()
+    text.add_itxt("LevelsPerMeter", levels)
+    Image.fromarray(np.full((2, 3), 512, np.uint16)).save(tmp_path / "depth.png", pnginfo=text)
+    assert (read_depth(tmp_path / "depth.png") == 2).all()  # KITTI's, as if nothing were said

@@ -11,7 +11,16 @@ import pytest
 
 from anynet.errors import AnyNetError
 from anynet.io import write_atomically
-from anynet.io.files import MAX_PIXELS, check_size, make_folder, max_pixels, read_bytes, read_text, remove_unfinished
+from anynet.io.files import (
+    MAX_PIXELS,
+    check_regular,
+    check_size,
+    make_folder,
+    max_pixels,
+    read_bytes,
+    read_text,
+    remove_unfinished,
+)
 
 
 def test_writes_and_replaces(tmp_path: Path) -> None:
@@ -85,6 +94,10 @@ def test_devices_and_pipes_are_refused_not_read(tmp_path: Path) -> None:
     for path, kind in (("/dev/zero", "device"), (tmp_path / "pipe", "pipe")):
         with pytest.raises(AnyNetError, match=f"cannot read {path}: expected a file, got a {kind}"):
             read_bytes(path)
+        with pytest.raises(AnyNetError, match=f"cannot read {path}: expected a file, got a {kind}"):
+            check_regular(path)
+    for other in (tmp_path, tmp_path / "none", "a\0b"):  # told by who opens it
+        check_regular(other)
 
 
 def test_what_cannot_be_read_is_told(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from PIL import Image, ImageOps
 
 from anynet.errors import AnyNetError
 from anynet.io import read_image, read_pair, write_image
-from anynet.io.images import endings, image_size, open_image
+from anynet.io.images import endings, image_size, open_image, to_8_bits
 
 RGB = np.random.default_rng(0).integers(0, 256, (7, 9, 3), dtype=np.uint8)
 
@@ -273,6 +273,31 @@ def test_declared_sizes_are_refused_before_memory_is_taken(tmp_path: Path, data:
                 read(path)
     assert time.process_time() - start < 2
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # KB
+
+
+@pytest.mark.parametrize("depth", [1, 8, 16])
+def test_a_png_of_fewer_bytes_than_its_pixels_take(tmp_path: Path, depth: int) -> None:
+    """Its stream may end early without an error, and would be an image of mostly nothing."""
+    path = tmp_path / "image.png"
+    data = _png(8, 8, depth)
+    path.write_bytes(data)
+    assert read_image(path, bits=16).shape == (8, 8, 3)
+    path.write_bytes(_with_size(data, 8000, 8000))
+    with pytest.raises(AnyNetError, match=f"expected more than {len(data)} bytes for 8000 x 8000 pixels"):
+        read_image(path)
+
+
+def _with_size(png: bytes, width: int, height: int) -> bytes:
+    header = b"IHDR" + struct.pack(">II", width, height) + png[24:29]
+    return png[:12] + header + struct.pack(">I", zlib.crc32(header)) + png[33:]
+
+
+def test_tall_images_of_16_bits_take_no_longer_than_wide_ones() -> None:
+    levels = np.arange(2**20, dtype=np.uint16)
+    start = time.process_time()
+    tall = to_8_bits(levels[:, None], 16)
+    assert time.process_time() - start < 0.5  # row by row, two seconds
+    np.testing.assert_array_equal(tall[:, 0], to_8_bits(levels[None], 16)[0])
 
 
 def test_an_option_raises_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -147,3 +147,13 @@ def test_errors_name_what_came(model: AnyNet) -> None:
         model(left, right[..., :15])
     with pytest.raises(AnyNetError, match=r"one shape \[N, 3, H, W\]"):
         model(left[0], right[0])
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_half_weights_are_refused(dtype: torch.dtype) -> None:
+    images = torch.zeros(2, 1, 3, 32, 48, dtype=dtype)
+    expected = rf"^AnyNet: expected weights of float32 or float64, got {str(dtype)[6:]}: .* torch.autocast$"
+    with pytest.raises(AnyNetError, match=expected):
+        AnyNet().to(dtype)(*images)
+    with torch.autocast("cpu"):
+        assert all(estimate.isfinite().all() for estimate in AnyNet()(*images.float()))

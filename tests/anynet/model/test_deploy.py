@@ -1,12 +1,18 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 import torch
+import torch.nn.functional as F
 from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from anynet import AnyNet, AnyNetConfig, load_checkpoint
 from anynet.model.deploy import DeployedAnyNet
 from anynet.model.residual_stage import DeployedCandidateStage, DeployedResidualStage
+from anynet_ext import reference
 
 
 def images(height: int, width: int) -> tuple[Tensor, Tensor]:
@@ -60,3 +66,66 @@ def test_packaged_weights_are_deployed_part_by_part(weights: str, kind: type) ->
     network = DeployedAnyNet(load_checkpoint(weights))
     assert [type(stage) for stage in network.residual_stages] == [kind, kind]
     assert all(torch.isfinite(disparity).all() for disparity in network(*images(48, 80)))
+
+
+class Redirected(TorchDispatchMode):
+    """Has other implementations stand in for the operators `anynet::*`, and counts what PyTorch's own would launch."""
+
+    def __init__(self, implementation: Callable[[Any], Callable[..., Tensor]]) -> None:
+        super().__init__()
+        self.implementation, self.launches = implementation, 0
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        if func.namespace == "anynet":
+            return self.implementation(func)(*args, **(kwargs or {}))
+        aliases = [result.alias_info for result in func._schema.returns]
+        views = all(alias is not None and not alias.is_write for alias in aliases)
+        self.launches += not views and "empty" not in func._opname
+        return func(*args, **(kwargs or {}))
+
+
+def in_plain_pytorch(func: Any) -> Callable[..., Tensor]:
+    names = [argument.name for argument in func._schema.arguments]
+    return lambda *args: getattr(reference, func._opname)(**dict(zip(names, args, strict=True)))
+
+
+def as_cuda_kernels(func: Any) -> Callable[..., Tensor]:
+    operator: Callable[..., Tensor] = getattr(torch.ops.anynet_cuda_emulated, func._opname).default
+    return operator
+
+
+def check_redirected(weights: str, mode: Redirected) -> None:
+    """On texture at a disparity of 6 pixels, which is where networks are sure of what they say."""
+    random = torch.Generator().manual_seed(0)
+    texture = torch.rand(1, 3, 16, 36, generator=random)
+    scene = 255 * F.interpolate(texture, (48, 108), mode="bicubic").clamp(0, 1)[0].permute(1, 2, 0)
+    pair = tuple(scene[:, x : x + 96].to(torch.uint8).contiguous() for x in (0, 6))
+    network = DeployedAnyNet(load_checkpoint(weights))
+    with torch.inference_mode():
+        expected = network(*pair)
+        with mode:
+            found = network(*pair)
+    for one, other in zip(found, expected, strict=True):
+        assert (one - other).abs().max() < 1e-4
+
+
+@pytest.mark.parametrize("weights", ["default", "large", "kitti"])
+def test_its_operators_in_plain_pytorch_give_the_same(weights: str) -> None:
+    check_redirected(weights, Redirected(in_plain_pytorch))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("weights", ["default", "large"])
+def test_its_cuda_kernels_emulated_give_the_same(emulated_operators: None, weights: str) -> None:
+    check_redirected(weights, Redirected(as_cuda_kernels))
+
+
+@pytest.mark.slow
+def test_four_stages_are_forty_launches(emulated_operators: None) -> None:
+    network, pair = DeployedAnyNet(load_checkpoint("default")), images(32, 64)
+    before = torch.ops.anynet_cuda_emulated.launches()
+    with torch.inference_mode(), Redirected(as_cuda_kernels) as mode:
+        *_, result = network.stages(*pair)
+        result()
+    launches = mode.launches + torch.ops.anynet_cuda_emulated.launches() - before
+    assert 20 < launches <= 40

@@ -61,3 +61,17 @@ def test_the_processes_share_the_batch_of_one() -> None:
     for one, *shares in zip(whole, *parts, strict=True):
         for tensor, *pieces in zip(one, *shares, strict=True):
             torch.testing.assert_close(torch.cat(pieces), tensor, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_damaged_sample_is_told_in_its_own_line(workers: int) -> None:
+    class Damaged(Planes):
+        def __getitem__(self, index):
+            if index == 3:
+                raise AnyNetError("a.png: damaged")
+            return super().__getitem__(index)
+
+    recipe = replace(RECIPE, batch_size=2, workers=workers)
+    found = batches(Damaged(70), recipe, range(70), Processes(0, 1, CPU))  # more than are decoded beforehand
+    with pytest.raises(AnyNetError, match=r"\Aa\.png: damaged\Z"):
+        list(found)

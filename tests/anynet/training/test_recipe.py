@@ -76,11 +76,13 @@ def test_stage_weights_must_weigh_something(weights: tuple[float, ...]) -> None:
     [
         ({"batch_size": 0}, "batch_size must be at least 1, got 0"),
         ({"crop_size": (32, 512)}, "crop_size must be at least 64x64, got 32x512"),
+        ({"crop_size": (10**9, 64)}, "crop_size must have at most 67108864 pixels, got 1000000000x64"),
         ({"learning_rate": float("nan")}, "learning_rate must be positive, got nan"),
         ({"ema_decay": 1.0}, "ema_decay must be in"),
         ({"schedule": "linear"}, "constant, step or cosine, got 'linear'"),
         ({"input_scale": 2}, "input_scale is for weights to start from"),
         ({"load_partial": True}, "load_partial is for weights to start from"),
+        ({"device": "gpu"}, "device must be cpu or cuda, got 'gpu'"),
         ({"max_grad_norm": -1.0}, "max_grad_norm must be positive or 0, got -1.0"),
     ],
 )

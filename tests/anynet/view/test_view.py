@@ -129,3 +129,10 @@ def test_a_source_without_frames() -> None:
     image = np.zeros((8, 8, 3), np.uint8)
     with pytest.raises(AnyNetError, match="the source has no frames"):
         View(Empty("", image, image), port=18090).run()
+
+
+@pytest.mark.parametrize("host", ["no such host", "a" * 300, "256.1.1.1"])
+def test_a_host_that_nothing_can_listen_on(host: str, tmp_path: Path) -> None:
+    source = StillPair("scene", *np.zeros((2, 64, 64, 3), np.uint8))
+    with pytest.raises(AnyNetError, match=f"cannot listen on the host {host}: "):
+        View(source, prepare=PairPreparation(check=False), host=host, out=tmp_path)

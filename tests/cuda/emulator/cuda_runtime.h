@@ -45,6 +45,9 @@ dim3 block_size();
 /// barriers, or if the kernel takes more shared memory than `shared_bytes`.
 void run(dim3 grid, dim3 block, size_t shared_bytes, const std::function<void()>& thread);
 
+/// How many kernels have run.
+int64_t launches();
+
 /// The block's array number `index`, allocated when the first thread asks for it.
 void* shared_array(int index, size_t bytes);
 

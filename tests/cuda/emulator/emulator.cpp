@@ -3,6 +3,7 @@
 #include <ucontext.h>
 
 #include <algorithm>
+#include <atomic>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -80,6 +81,7 @@ struct Machine {
 };
 
 thread_local Machine* machine = nullptr;
+std::atomic<int64_t> launched{0};
 
 void to_fiber(Fiber& fiber) {
   machine->current = &fiber;
@@ -185,6 +187,8 @@ void run_block() {
 
 }  // namespace
 
+int64_t launches() { return launched; }
+
 dim3 thread_index() { return machine->current->thread; }
 dim3 block_index() { return machine->block; }
 dim3 block_size() { return machine->size; }
@@ -225,6 +229,7 @@ void* shared_array(int index, size_t bytes) {
 }
 
 void run(dim3 grid, dim3 block, size_t shared_bytes, const std::function<void()>& thread) {
+  ++launched;
   static thread_local std::vector<std::unique_ptr<Stack>> stacks;
   Machine here;
   here.thread = &thread;

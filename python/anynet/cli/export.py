@@ -1,0 +1,47 @@
+"""`anynet export`: the network for other runtimes."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from anynet.errors import AnyNetError
+from anynet.io.files import make_folder
+
+
+class Format(str, Enum):
+    onnx = "onnx"
+    pt2 = "pt2"
+    aoti = "aoti"
+
+
+def export(
+    format: Annotated[
+        Format,
+        typer.Option(
+            help="onnx, for onnxruntime, OpenVINO and TensorRT; pt2, a program of torch.export; aoti, a package of "
+            "machine code made by AOTInductor, for C++ without Python."
+        ),
+    ],
+    height: Annotated[int, typer.Option(min=1, help="Of the images, in pixels.")],
+    width: Annotated[int, typer.Option(min=1, help="Of the images, in pixels.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The file to write; its folder is made if missing.")],
+    weights: Annotated[str, typer.Option(help="A packaged name, or a path.")] = "default",
+    stages: Annotated[int | None, typer.Option(min=1, help="The first so many.", show_default="all")] = None,
+    dynamic: Annotated[bool, typer.Option("--dynamic", help="For images of any size; pt2 alone.")] = False,
+) -> None:
+    """The network for other runtimes.
+
+    Inputs are left and right, uint8 RGB [H, W, 3]; outputs are disparity_1, disparity_2 ..., float32 [H, W], in pixels.
+    """
+    if out.is_dir():
+        raise AnyNetError(f"{out}: expected the name of a file, got a folder")
+    from anynet.export import export_as
+    from anynet.export.network import Request
+
+    make_folder(out.parent)
+    export_as(format.value, Request(weights, height, width, stages, dynamic), out)
+    print(out)

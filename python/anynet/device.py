@@ -1,0 +1,65 @@
+"""The devices that networks compute on."""
+
+from __future__ import annotations
+
+import re
+
+import torch
+
+from anynet.errors import AnyNetError, one_line
+from anynet_ext import build_info
+
+
+def find_device(name: str) -> torch.device:
+    """The device of that name.
+
+    Args:
+        name: "cpu"; "cuda", the current GPU; "cuda:1", that one; "auto", the first GPU if there is one, else the CPU.
+
+    Raises:
+        AnyNetError: if it is none of these, or not there.
+    """
+    if not isinstance(name, str) or not re.fullmatch(r"cpu|auto|cuda(:\d+)?", name):
+        raise AnyNetError(f"expected device 'cpu', 'cuda', 'cuda:N' or 'auto', got {name!r}")
+    missing = "" if name == "cpu" else _missing_for_cuda()
+    if name == "cpu" or (name == "auto" and missing):
+        return torch.device("cpu")
+    if missing:
+        raise AnyNetError(f"device {name!r}: {missing}")
+    count = torch.cuda.device_count()
+    try:
+        index = 0 if name == "auto" else int(name[5:]) if ":" in name else torch.cuda.current_device()
+    except RuntimeError as error:  # in a forked process
+        raise AnyNetError(f"device {name!r}: {one_line(error)}") from error
+    if index >= count:
+        raise AnyNetError(f"device {name!r}: expected one of the {count} GPUs here, cuda:0 to cuda:{count - 1}")
+    return torch.device("cuda", index)
+
+
+def _missing_for_cuda() -> str:
+    """What CUDA lacks here, and what to do about it; empty if nothing."""
+    if torch.version.cuda is None:
+        return f"PyTorch {torch.__version__} is a build without CUDA: install one with CUDA (pytorch.org)"
+    operators = build_info()["cuda_operators"]
+    if operators != "yes":
+        return f"AnyNet's CUDA operators are {operators}: install it where nvcc is, with ANYNET_CUDA=ON"
+    if not torch.cuda.is_available():
+        return "PyTorch sees no GPU: look at nvidia-smi and CUDA_VISIBLE_DEVICES"
+    return ""
+
+
+class DeviceClock:
+    """Tells the time that a GPU takes, by events on its current stream."""
+
+    def __init__(self, device: torch.device) -> None:
+        self._device = device
+
+    def mark(self) -> torch.cuda.Event:
+        event = torch.cuda.Event(enable_timing=True)  # type: ignore[no-untyped-call]
+        event.record(torch.cuda.current_stream(self._device))
+        return event
+
+    def seconds(self, begin: torch.cuda.Event, end: torch.cuda.Event) -> float:
+        """Between two marks; waits for the second."""
+        end.synchronize()
+        return float(begin.elapsed_time(end)) / 1e3

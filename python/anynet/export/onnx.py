@@ -1,0 +1,91 @@
+"""ONNX: the operators written out in the standard's own, the scans as `Scan`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+from torch.export import ExportedProgram
+
+from anynet.errors import AnyNetError
+from anynet.export.network import INPUTS, Request, check_one_size, outputs, trace
+from anynet_ext import reference
+
+OPSET = 18
+
+
+def export_onnx(request: Request, path: Path) -> None:
+    """Writes the network as ONNX of opset 18.
+
+    Raises:
+        AnyNetError: as of `trace`, for `dynamic`, or if the packages of the extra `export` are missing.
+    """
+    check_one_size(request, "onnx")
+    translations()  # before minutes of work
+    program = write_out(trace(request))
+    save(program, path, INPUTS, outputs(len(program.graph_signature.user_outputs)))
+
+
+def save(program: ExportedProgram, path: Path, input_names: Sequence[str], output_names: Sequence[str]) -> None:
+    """Writes a program whose only operator of ours is `spatial_propagation`."""
+    torch.onnx.export(
+        program,
+        f=path,
+        input_names=input_names,
+        output_names=output_names,
+        opset_version=OPSET,
+        custom_translation_table=translations(),
+        external_data=False,
+        verbose=False,
+    )
+
+
+def translations() -> dict[Callable[..., Any], Callable[..., Any]]:
+    """How to say in ONNX what it has no operator for."""
+    try:
+        from anynet.export.scan import spatial_propagation
+    except ImportError as error:
+        raise AnyNetError(f"export: ONNX needs {error.name}: pip install 'anynet[export]'") from None
+    return {torch.ops.anynet.spatial_propagation.default: spatial_propagation}
+
+
+def write_out(program: ExportedProgram) -> ExportedProgram:
+    """With the operators' references in the place of the operators, but for `spatial_propagation`."""
+    targets = {node.target for node in program.graph.nodes if node.op == "call_function"}
+    ours = {target for target in targets if getattr(target, "namespace", "") == "anynet"}
+    ours.discard(torch.ops.anynet.spatial_propagation.default)
+    table: dict[Any, Callable[..., Any]] = {operator: _reference(operator) for operator in ours}
+    table[torch.ops.aten.cummin.default] = _cummin
+    written: ExportedProgram = program.run_decompositions(table)
+    return written
+
+
+def _reference(operator: Any) -> Callable[..., Any]:
+    """The function of `anynet_ext.reference` that takes the operator's arguments."""
+    name = operator._schema.name.split("::")[1]
+    parameters = [argument.name for argument in operator._schema.arguments]
+    function = getattr(reference, name)
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        values = dict(zip(parameters, args, strict=False)) | kwargs
+        if name == "resize":
+            values["size"] = values.pop("height"), values.pop("width")
+        if name in ("fill_occlusions", "normalized_propagation"):
+            values["propagation"] = torch.ops.anynet.spatial_propagation.default
+        return function(**values)
+
+    return call
+
+
+def _cummin(x: Tensor, dim: int) -> tuple[Tensor, Tensor]:
+    """Of the last dimension, by doubling; ONNX has none. No indices: nobody asks for them."""
+    assert dim in (-1, x.dim() - 1)
+    step, length = 1, x.shape[-1]
+    while step < length:
+        x = torch.minimum(x, F.pad(x, (step, 0), value=torch.inf)[..., :length])
+        step *= 2
+    return x, torch.zeros_like(x, dtype=torch.long)

@@ -1,0 +1,26 @@
+"""`torch.export`: the deployed network's graph with our operators in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+
+from anynet.errors import AnyNetError
+from anynet.export.network import Request, trace
+
+
+def export_pt2(request: Request, path: Path) -> None:
+    """Writes the program; whoever loads it with `torch.export.load` has to import `anynet_ext` first.
+
+    Raises:
+        AnyNetError: as of `trace`, or for a name without .pt2 at its end.
+    """
+    check_name(path)
+    torch.export.save(trace(request), path)
+
+
+def check_name(path: Path) -> None:
+    """PyTorch insists on it."""
+    if path.suffix != ".pt2":
+        raise AnyNetError(f"{path}: expected a name that ends in .pt2")

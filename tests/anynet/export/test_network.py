@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+from networks import wild
+
+from anynet import AnyNetConfig, AnyNetError, save_checkpoint
+from anynet.export.network import Request, smallest_side, trace
+from anynet.model import presets
+
+from .cases import OPTIONS, network
+
+
+@pytest.mark.parametrize(
+    ("request_", "message"),
+    [
+        (Request("default", 0, 64), "expected height from 1 to 32768, got 0"),
+        (Request("default", 64, 40000), "expected width from 1 to 32768, got 40000"),
+        (Request("default", 64, 16, dynamic=True), "expected width from 17 to 32768, got 16"),
+        (Request("default", 64, 64, stages=5), "expected stages from 1 to 4, got 5"),
+        (Request("none", 64, 64), "expected a file of weights"),
+    ],
+)
+def test_what_cannot_be_met_is_told(request_: Request, message: str) -> None:
+    with pytest.raises(AnyNetError, match=message):
+        trace(request_)
+
+
+def test_other_input_scales_are_refused(tmp_path: Path) -> None:
+    save_checkpoint(tmp_path / "half.safetensors", wild(AnyNetConfig(input_scale=0.5)))
+    with pytest.raises(AnyNetError, match=r"expected weights of input_scale 1 or 2, got 0\.5"):
+        trace(Request(tmp_path / "half.safetensors", 64, 64))
+
+
+def test_smallest_sides() -> None:
+    assert smallest_side(presets.paper()) == 17
+    assert smallest_side(presets.paper().with_options({"first_stage.hourglass": 2, "input_scale": 2})) == 33
+
+
+def test_stages_are_the_first_ones(small_weights: Path) -> None:
+    left, right = torch.randint(0, 256, (2, 40, 56, 3), dtype=torch.uint8)
+    two = trace(Request(small_weights, 40, 56, stages=2)).module()(left, right)
+    every = trace(Request(small_weights, 40, 56)).module()(left, right)
+    assert (len(two), len(every)) == (2, 4)
+    assert all(torch.equal(one, other) for one, other in zip(two, every, strict=False))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(OPTIONS))
+def test_every_option_can_be_traced(name: str, tmp_path: Path) -> None:
+    model = wild(network(name))
+    save_checkpoint(tmp_path / "w.safetensors", model)
+    trace(Request(tmp_path / "w.safetensors", 83, 141, dynamic=True))

@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from anynet import AnyNetError
+from anynet.export import export_as
+from anynet.export.network import Request
+
+from .cases import WEIGHTS, Pair
+
+
+def test_it_is_the_predictors_for_images_of_any_size(small_weights: Path, pair: Pair, tmp_path: Path) -> None:
+    path = tmp_path / "small.pt2"
+    export_as("pt2", Request(small_weights, 40, 56, dynamic=True), path)
+    program = torch.export.load(path).module()
+    for rows, columns in ((83, 141), (17, 17), (64, 50)):
+        part = Pair(*(np.ascontiguousarray(image[:rows, :columns]) for image in (pair.left, pair.right)))
+        found = program(torch.from_numpy(part.left), torch.from_numpy(part.right))
+        for one, other in zip(found, part.disparities(small_weights), strict=True):
+            np.testing.assert_array_equal(one, other)
+    load = f"import torch; torch.export.load({str(path)!r})"
+    assert b"anynet" in subprocess.run([sys.executable, "-c", load], check=False, capture_output=True).stderr
+    subprocess.run([sys.executable, "-c", "import anynet_ext; " + load], check=True)
+
+
+def test_its_name_is_checked(tmp_path: Path) -> None:
+    with pytest.raises(AnyNetError, match=r"expected a name that ends in .pt2"):
+        export_as("pt2", Request("default", 40, 56), tmp_path / "network.pt")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("weights", WEIGHTS)
+def test_packaged_weights(weights: str, pair: Pair, tmp_path: Path) -> None:
+    export_as("pt2", Request(weights, *pair.left.shape[:2]), tmp_path / "network.pt2")
+    found = torch.export.load(tmp_path / "network.pt2").module()(*map(torch.from_numpy, (pair.left, pair.right)))
+    for one, other in zip(found, pair.disparities(weights), strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -1,0 +1,237 @@
+"""What only a GPU can show of prediction, graphs, budgets, streams, devices, threads and forks; and of training."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import torch.nn.functional as F
+
+from anynet import AnyNet, AnyNetError, Predictor, Worker, load_checkpoint
+from anynet.model import graphs
+from anynet.model.anynet import normalize
+from anynet.training.loss import loss_weights, stage_losses
+
+pytestmark = [
+    pytest.mark.cuda,
+    pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU and the CUDA build of torch"),
+]
+
+Pair = tuple[np.ndarray, np.ndarray]
+
+
+def pair(height: int = 96, width: int = 208, seed: int = 0) -> Pair:
+    """Texture at a disparity of 6 pixels."""
+    random = torch.Generator().manual_seed(seed)
+    texture = torch.rand(1, 3, height // 3 + 1, width // 3 + 3, generator=random)
+    scene = 255 * F.interpolate(texture, (height, width + 6), mode="bicubic").clamp(0, 1)[0].permute(1, 2, 0)
+    image = scene.to(torch.uint8).numpy()
+    return image[:, :width].copy(), image[:, 6:].copy()
+
+
+def on_gpu(images: Pair, device: str = "cuda") -> tuple[torch.Tensor, torch.Tensor]:
+    left, right = (torch.from_numpy(image).to(device) for image in images)
+    return left, right
+
+
+@pytest.fixture(scope="module")
+def predictor() -> Predictor:
+    return Predictor(device="cuda")
+
+
+@pytest.mark.parametrize("weights", ["default", "large", "kitti"])
+def test_equals_the_cpu(weights: str) -> None:
+    gpu, cpu = Predictor(weights, device="cuda"), Predictor(weights)
+    for seed in (0, 1):  # captured, then replayed
+        images = pair(seed=seed)
+        options = {"confidence": True, "left_right": bool(seed)}
+        for one, other in zip(gpu.stages(*images, **options), cpu.stages(*images, **options), strict=True):
+            assert isinstance(one.disparity, np.ndarray)
+            np.testing.assert_allclose(one.disparity, other.disparity, atol=1e-2)
+            np.testing.assert_allclose(one.confidence, other.confidence, atol=1e-2)
+            assert (one.occluded != other.occluded).mean() < 1e-3
+
+
+def test_repeats_bit_for_bit(predictor: Predictor) -> None:
+    images = pair()
+    first = predictor.predict(*images).disparity
+    for _ in range(5):
+        np.testing.assert_array_equal(predictor.predict(*images).disparity, first)
+
+
+@pytest.mark.parametrize("input_scale", [None, 0.5])
+@pytest.mark.parametrize("view", ["left", "right"])
+def test_tensors_stay_there(view: str, input_scale: float | None) -> None:
+    predictor = Predictor(device="cuda", input_scale=input_scale)
+    images = pair()
+    expected = predictor.predict(*images, view=view).disparity
+    out = predictor.predict(*on_gpu(images), view=view).disparity
+    assert isinstance(out, torch.Tensor)
+    assert out.is_cuda
+    assert np.abs(out.cpu().numpy() - expected).mean() < (1e-6 if input_scale is None else 0.1)
+    assert torch.equal(torch.from_dlpack(out), out)
+
+
+def test_sizes_in_any_order(predictor: Predictor) -> None:
+    cpu = Predictor()
+    for height, width in [(96, 208), (64, 100), (96, 208), (1, 1), (64, 100)]:
+        images = pair(height, width, seed=height)
+        np.testing.assert_allclose(predictor.predict(*images).disparity, cpu.predict(*images).disparity, atol=1e-2)
+
+
+def test_frames_that_take_turns(predictor: Predictor) -> None:
+    pairs = [pair(seed=seed) for seed in range(3)]
+    expected = [[e.disparity for e in predictor.stages(*images)] for images in pairs]
+    for step, estimates in enumerate(zip(*(predictor.stages(*images) for images in pairs), strict=True)):
+        for estimate, stages in zip(estimates, expected, strict=True):
+            np.testing.assert_array_equal(estimate.disparity, stages[step])
+
+
+def test_few_sizes_are_kept() -> None:
+    predictor = Predictor(device="cuda")
+    for width in range(40, 40 + 2 * graphs.SIZES):
+        predictor.predict(*pair(32, width))
+    kept = torch.cuda.memory_allocated()
+    for width in range(80, 80 + 2 * graphs.SIZES):
+        predictor.predict(*pair(32, width))
+    assert torch.cuda.memory_allocated() < 2 * kept
+
+
+def test_budgets(predictor: Predictor) -> None:
+    images = pair(375, 1242)
+    whole = [predictor.predict(*images).elapsed_ms for _ in range(20)][-1]
+    assert predictor.predict(*images, budget_ms=0).stage == 1
+    assert predictor.predict(*images, budget_ms=10 * whole + 10).stage == 4
+    assert predictor.predict(*images, stage=2, budget_ms=10 * whole + 10).stage == 2
+    # Time of the GPU: what keeps it busy before the frame does not count.
+    torch.cuda._sleep(200_000_000)
+    assert predictor.predict(*on_gpu(images), budget_ms=10 * whole + 10).stage == 4
+
+
+def test_side_stream(predictor: Predictor) -> None:
+    """Images that come late on the current stream are waited for."""
+    images = on_gpu(pair())
+    expected = predictor.predict(*images).disparity
+    late = [torch.zeros_like(image) for image in images]
+    torch.cuda.synchronize()
+    with torch.cuda.stream(torch.cuda.Stream()):
+        torch.cuda._sleep(50_000_000)
+        for empty, image in zip(late, images, strict=True):
+            empty.copy_(image)
+        out = predictor.predict(*late).disparity
+    assert torch.equal(out, expected)
+
+
+def test_threads_share_a_predictor(predictor: Predictor) -> None:
+    pairs = [pair(seed=seed) for seed in range(4)]
+    expected = [predictor.predict(*images).disparity for images in pairs]
+    wrong: list[int] = []
+
+    def work(index: int) -> None:
+        with torch.cuda.stream(torch.cuda.Stream()):
+            for _ in range(20):
+                if not np.array_equal(predictor.predict(*pairs[index]).disparity, expected[index]):
+                    wrong.append(index)
+
+    threads = [threading.Thread(target=work, args=(index,)) for index in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_worker(predictor: Predictor) -> None:
+    images = pair()
+    expected = predictor.predict(*images).disparity
+    with Worker(predictor) as worker:
+        for given in (images, on_gpu(images)):
+            worker.submit(*given)
+            latest = worker.result(timeout=60)
+            assert latest is not None
+            assert type(latest.disparity) is type(given[0])
+            assert np.array_equal(np.asarray(torch.as_tensor(latest.disparity).cpu()), expected)
+
+
+def test_a_forked_child_is_told(predictor: Predictor) -> None:
+    images = pair()
+    predictor.predict(*images)
+    child = os.fork()
+    if child == 0:
+        try:
+            predictor.predict(*images)
+        except AnyNetError as error:
+            os._exit(0 if "fork" in str(error) else 2)
+        os._exit(1)
+    assert os.waitpid(child, 0)[1] == 0
+
+
+def test_a_device_that_is_not_there() -> None:
+    with pytest.raises(AnyNetError, match=r"device 'cuda:99': expected one of the \d+ GPUs here"):
+        Predictor(device="cuda:99")
+    with pytest.raises(AnyNetError, match="expected left as array, or tensor on cuda:0, got a tensor on cpu"):
+        Predictor(device="cuda:0").predict(*on_gpu(pair(), "cpu"))
+
+
+@pytest.mark.skipif(torch.cuda.device_count() < 2, reason="needs two GPUs")
+def test_second_device(predictor: Predictor) -> None:
+    images = pair()
+    other = Predictor(device="cuda:1")
+    assert torch.cuda.current_device() == 0
+    out = other.predict(*on_gpu(images, "cuda:1")).disparity
+    assert out.device == torch.device("cuda:1")
+    np.testing.assert_array_equal(out.cpu(), predictor.predict(*images).disparity)
+    with pytest.raises(AnyNetError, match="tensor on cuda:1, got a tensor on cuda:0"):
+        other.predict(*on_gpu(images, "cuda:0"))
+
+
+def test_command_line(tmp_path: Path) -> None:
+    from anynet.cli import main
+    from anynet.io.images import write_image
+
+    for name, image in zip(("left.png", "right.png"), pair(), strict=True):
+        write_image(tmp_path / name, image)
+    files = [str(tmp_path / name) for name in ("left.png", "right.png")]
+    assert main(["predict", *files, "--out", str(tmp_path / "out"), "--device", "cuda"]) == 0
+    assert main(["predict", *files, "--out", str(tmp_path / "out"), "--device", "cuda:99"]) == 2
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("amp", [False, True])
+def test_a_training_step_never_waits(compiled: bool, amp: bool) -> None:
+    if compiled and sys.platform != "linux":
+        pytest.skip("torch.compile needs Triton")
+    model: AnyNet = load_checkpoint("default").cuda().train()
+    forward = torch.compile(model) if compiled else model
+    optimizer = torch.optim.Adam(model.parameters(), fused=True)
+    images = [torch.randint(0, 256, (2, 3, 64, 128), device="cuda").float() for _ in range(2)]
+    truth = torch.rand(2, 1, 64, 128, device="cuda") * 30
+    losses = []
+
+    def step() -> None:
+        weights = loss_weights(truth, torch.ones_like(truth))
+        with torch.autocast("cuda", torch.bfloat16, enabled=amp):
+            outputs = forward(*(normalize(image) for image in images))
+        loss = stage_losses(outputs, truth, weights, weights.sum()).sum()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0, foreach=True)
+        optimizer.step()
+        optimizer.zero_grad()
+        losses.append(loss.detach())
+
+    for _ in range(3):
+        step()
+    torch.cuda.synchronize()
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        for _ in range(3):
+            step()
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+    assert torch.stack(losses).isfinite().all()
+    assert losses[-1] < losses[0]

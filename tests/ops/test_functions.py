@@ -1,0 +1,91 @@
+"""What PyTorch's tools make of the operators' Python functions."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+import anynet_ext
+
+X = torch.rand(1, 2, 6, 7)
+CALLS: dict[str, Callable[..., Any]] = {
+    "batch_norm_relu": lambda x: anynet_ext.batch_norm_relu(x, torch.ones(2), torch.zeros(2)),
+    "conv3x3": lambda x: anynet_ext.conv3x3(x, torch.ones(3, 2, 3, 3), stride=2),
+    "cost_volume": lambda x: anynet_ext.cost_volume(x, x + 1, first=0, last=3),
+    "resize": lambda x: anynet_ext.resize(x, (12, 14), scale=2.0),
+    "soft_argmin": lambda x: anynet_ext.soft_argmin(x),
+    "spatial_propagation": lambda x: anynet_ext.spatial_propagation(x, torch.full((1, 3, 2, 6, 7), 0.25), 0),
+    "upsample_sum": lambda x: anynet_ext.upsample_sum([x[0, 0], x[0, 1]], [2, 2], 12, 14),
+    "warp": lambda x: anynet_ext.warp(x, x[:, :1]),
+}
+
+
+@pytest.mark.parametrize("name", list(CALLS))
+def test_fx_traces_a_function_as_one_call(name: str) -> None:
+    graph = torch.fx.symbolic_trace(CALLS[name])
+    assert [node.target for node in graph.graph.nodes].count(getattr(anynet_ext, name)) == 1
+    for one, other in zip(_all(graph(X)), _all(CALLS[name](X)), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_all_functions_can_be_overridden() -> None:
+    class Own(Tensor):
+        @classmethod
+        def __torch_function__(cls, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+            return function
+
+    own = X.as_subclass(Own)
+    for name in anynet_ext.__all__:
+        function = getattr(anynet_ext, name)
+        if name not in ("build_info", "reference"):
+            parameters = inspect.signature(function).parameters.values()
+            needed = [p for p in parameters if p.default is p.empty and p.kind is not p.KEYWORD_ONLY]
+            assert function(*[own for _ in needed]) is function
+
+
+def test_what_functorch_can_do() -> None:
+    stack = torch.rand(3, 1, 4, 6, 7)
+    assert torch.equal(torch.vmap(anynet_ext.soft_argmin)(stack)[1], anynet_ext.soft_argmin(stack[1]))
+    for transform in (torch.func.grad, torch.func.jacrev):
+        with pytest.raises(RuntimeError, match="must override the setup_context staticmethod"):
+            transform(lambda cost: anynet_ext.soft_argmin(cost).sum())(stack[0])
+    by_autograd = torch.autograd.functional.jacobian(lambda cost: anynet_ext.soft_argmin(cost).sum(), stack[0])
+    assert by_autograd.shape == stack[0].shape
+
+
+@pytest.mark.parametrize("name", ["batch_norm_relu", "conv3x3", "cost_volume", "resize", "soft_argmin", "warp"])
+def test_autocast_gives_float32(name: str) -> None:
+    with torch.autocast("cpu"):
+        assert all(out.dtype == torch.float32 for out in _all(CALLS[name](X.bfloat16())))
+
+
+def test_operators_have_their_functions_defaults() -> None:
+    ops = torch.ops.anynet
+    cost, weight = torch.rand(1, 4, 6, 7, requires_grad=True), torch.rand(2, 4, 3, 3, requires_grad=True)
+    pairs = [
+        (ops.soft_argmin(cost), anynet_ext.soft_argmin(cost)),
+        (ops.cost_volume(cost, cost), anynet_ext.cost_volume(cost, cost)),
+        (ops.resize(cost, 8, 9), anynet_ext.resize(cost, (8, 9))),
+        (ops.conv3x3(cost, weight), anynet_ext.conv3x3(cost, weight)),
+        (ops.batch_norm_relu(cost, weight[0, :, 0, 0], weight[1, :, 0, 0])[0],
+         anynet_ext.batch_norm_relu(cost, weight[0, :, 0, 0], weight[1, :, 0, 0])[0]),
+    ]  # fmt: skip
+    for one, other in pairs:
+        assert torch.equal(one, other)
+        inputs = [cost, weight]
+        gradients = [torch.autograd.grad(out.sum(), inputs, allow_unused=True) for out in (one, other)]
+        for a, b in zip(*gradients, strict=True):
+            assert (a is None and b is None) or torch.equal(a, b)
+    with torch.device("meta"):
+        assert ops.soft_argmin(torch.rand(1, 4, 6, 7)).shape == (1, 1, 6, 7)
+        assert ops.resize(torch.rand(1, 4, 6, 7), 8, 9).shape == (1, 4, 8, 9)
+    assert torch.equal(torch.vmap(ops.soft_argmin)(cost[None])[0], pairs[0][1])
+
+
+def _all(out: Any) -> tuple[Tensor, ...]:
+    return out if isinstance(out, tuple) else (out,)
