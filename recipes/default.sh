@@ -15,4 +15,8 @@ anynet finetune --preset default --weights large --load-partial --steps "${STEPS
     --data "rendered:$out/first" --out "$out/default-first-stage" --resume
 anynet finetune --preset default --weights "$out/default-first-stage/weights.safetensors" --steps "${STEPS:-3200}" \
     --seed 2 --stage-weights 1 --stage-weights 0.5 --stage-weights 1 --stage-weights 1 \
+    --data "rendered:$out/first" --data "rendered:$out/second" --out "$out/default-all" --resume
+anynet finetune --preset default --weights "$out/default-all/weights.safetensors" --steps "${STEPS:-1400}" --seed 3 \
+    --learning-rate 8e-4 --warmup-steps 50 \
+    --stage-weights 1 --stage-weights 0.5 --stage-weights 1 --stage-weights 1 \
     --data "rendered:$out/first" --data "rendered:$out/second" --out "$out/default" --resume
