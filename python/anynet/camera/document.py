@@ -13,6 +13,8 @@ from anynet.io.files import read_bytes
 
 _LARGEST = 32 << 20  # bytes: some write the maps of a rectification into their files
 _MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
+_COMMENT = re.compile(r"\s(#|//).*")
+_COMMENT_LINES = re.compile(r"^\s*(#|//).*$", re.MULTILINE)
 _FIELD = re.compile(r"([A-Za-z]\w*)[ \t]*([=:])")
 
 
@@ -66,14 +68,15 @@ def _parse(text: str) -> tuple[str, Tree]:
     stripped = text.lstrip()
     if stripped.startswith("<"):
         return "xml", xml_document(stripped)
-    if stripped.startswith("{"):
-        return "json", json_document(stripped)
+    bare = _COMMENT_LINES.sub("", stripped).lstrip() if stripped.startswith(("#", "//")) else stripped
+    if bare.startswith("{"):
+        return "json", json_document(bare)
     if stripped.startswith(("%YAML", "---")):
         return "yaml", _first(yaml_documents(stripped))
-    lines = [line.strip() for line in stripped.splitlines()]
+    lines = [_COMMENT.sub("", line).strip() for line in stripped.splitlines()]
     lines = [line for line in lines if line and not line.startswith(("#", ";"))]
     if lines and all(map(_is_numbers, lines)):
-        return "numbers", list(lines)
+        return "numbers", list(map(_with_points, lines) if _has_decimal_commas(lines) else lines)
     signs = [match.group(2) for line in lines if (match := _FIELD.match(line))]
     if signs and signs.count("=") * 2 > len(signs):
         return "ini", _sections(lines)
@@ -91,8 +94,18 @@ def _first_line(lines: list[str]) -> str:
     return next((line for line in lines if re.match(r"P(_rect_)?\d", line)), lines[0])
 
 
+def _has_decimal_commas(lines: list[str]) -> bool:
+    """Whether commas stand for decimal points: numbers are apart without them, and none has a point."""
+    text = " ".join(lines)
+    return "." not in text and re.search(r"\d,\d", text) is not None and text.count(" ") >= 8
+
+
+def _with_points(line: str) -> str:
+    return line.replace(",", ".")
+
+
 def _is_numbers(line: str) -> bool:
-    words = line.replace(",", " ").split()
+    words = re.sub(r"[\[\](),;]", " ", line).split()
     try:
         return bool(words) and all(float(word) is not None for word in words)
     except ValueError:

@@ -186,6 +186,7 @@ def numbers(node: Tree, name: str, count: int | None = None) -> Matrix:
         AnyNetError: if it is not numbers, or not `count` of them, or a matrix's data are not rows times columns.
     """
     values: list[float] = []
+    texts: list[str] = []
     waiting = [_data(node, name)]
     visited = 0
     while waiting:
@@ -196,6 +197,7 @@ def numbers(node: Tree, name: str, count: int | None = None) -> Matrix:
                 raise AnyNetError(f"expected {name} to be a matrix, got thousands of numbers")
             waiting.extend(reversed(item))
         elif isinstance(item, str):
+            texts.append(item)
             words = re.split(r"[\s,;\[\]()]+", item)
             for word in filter(None, words):
                 value = number(word)
@@ -206,8 +208,19 @@ def numbers(node: Tree, name: str, count: int | None = None) -> Matrix:
         else:
             raise AnyNetError(f"expected {name} to be numbers, got a map of {shortened(', '.join(map(str, item)))}")
     if count is not None and len(values) != count:
+        with_points = _with_decimal_commas(" ".join(texts))
+        if len(with_points) == count:
+            return np.array(with_points, np.float64)
         raise AnyNetError(f"expected {name} to be {count} numbers, got {len(values)}")
     return np.array(values, np.float64)
+
+
+def _with_decimal_commas(text: str) -> list[float]:
+    """The numbers of a text whose commas are decimal points; none if they cannot be."""
+    if "." in text or not re.search(r"\d,\d", text):
+        return []
+    values = [number(word) for word in filter(None, re.split(r"[\s;\[\]()]+", text.replace(",", ".")))]
+    return [value for value in values if value is not None]
 
 
 def _data(node: Tree, name: str) -> Tree:

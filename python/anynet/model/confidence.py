@@ -103,9 +103,11 @@ def _mean3x3(x: Tensor) -> Tensor:
 
 def _variation(disparity: Tensor) -> Tensor:
     """Largest less smallest value of blocks of 4 x 4 and their neighbors."""
-    both = torch.stack([disparity, -disparity])[None]
-    largest = F.max_pool2d(F.max_pool2d(both, 4, 4, ceil_mode=True), 3, 1, 1)[0]
-    return sum_at([largest.sum(0)], [4], disparity.shape)
+    height, width = disparity.shape
+    padded = F.pad(disparity[None], (0, -width % 4, 0, -height % 4), mode="replicate")[0]
+    rows = padded.view(-1, 4, padded.shape[1])  # by rows first: twice as fast as a pooling
+    blocks = torch.stack([rows.amax(1), -rows.amin(1)]).view(1, 2, len(rows), -1, 4).amax(-1)
+    return sum_at([F.max_pool2d(blocks, 3, 1, 1)[0].sum(0)], [4], disparity.shape)
 
 
 @dataclass(frozen=True)
@@ -160,9 +162,10 @@ class ConfidenceModel:
         coefficients = (self.single if difference is None else self.checked)[stage - 1]
         count = len(evidence.channels)
         logit = (coefficients[:count] @ evidence.channels.flatten(1) + coefficients[-1]).view(evidence.hidden.shape)
+        if difference is None:
+            return sum_at([logit.sigmoid_()], [evidence.scale], size)
         logit = sum_at([logit], [evidence.scale], size)
-        if difference is not None:
-            logit += coefficients[count] * (difference + PIXEL).log_()
+        logit += coefficients[count] * (difference + PIXEL).log_()
         return logit.sigmoid_()
 
 

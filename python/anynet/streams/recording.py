@@ -168,6 +168,10 @@ class Recording(Source):
             raise self._unreadable(error) from error
 
     def _unreadable(self, error: Exception) -> AnyNetError:
+        if "Profile is not ros2" in str(error) or error.args == ("ros1msg",):  # what rosbags says of such an MCAP file
+            return AnyNetError(
+                f"{self._path}: ROS 1 messages inside an MCAP file are not read: use the .bag, or convert it to ROS 2"
+            )
         return AnyNetError(f"{self._path}: not a readable ROS bag or MCAP file ({one_line(error)})")
 
     def _choose(self, images: list[str], named: list[str], split: bool) -> list[str]:

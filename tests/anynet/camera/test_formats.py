@@ -506,6 +506,70 @@ def test_k_txt(tmp_path: Path, text: str) -> None:
         read(write(tmp_path, "K.txt", text))
 
 
+MIDDLEBURY = "cam0=[994.978 0 311.193; 0 994.978 254.877; 0 0 1]\ndoffs=31.086\nbaseline=193.001\n"
+K_TXT = "994.978 0 311.193 0 994.978 254.877 0 0 1\n0.193001\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "doffs"),
+    [
+        (MIDDLEBURY.replace("31.086", "31.086  # pixels"), 31.086),
+        (MIDDLEBURY.replace(" ", "\t").replace("\n", "\r\n"), 31.086),
+        (MIDDLEBURY.replace(".", ","), 31.086),
+        (K_TXT.replace(" ", ", "), 0),
+        (K_TXT.replace("0.193001", "0.193001 // meters"), 0),
+        (K_TXT.replace(".", ","), 0),
+        ("# K\n[[994.978, 0, 311.193],\n [0, 994.978, 254.877],\n [0, 0, 1]]\n0.193001\n", 0),
+        ("P2: 994,978 0 311,193 0 0 994,978 254,877 0 0 0 1 0\n"
+         "P3: 994,978 0 311,193 -192,031749 0 994,978 254,877 0 0 0 1 0\n", 0),
+        ("// rectified\n" + json.dumps({"K": [[994.978, 0, 311.193], [0, 994.978, 254.877], [0, 0, 1]],
+                                       "T": [-193.001, 0, 0], "unit": "Millimetres"}), 0),
+    ],
+)  # fmt: skip
+def test_separators_and_comments(tmp_path: Path, text: str, doffs: float) -> None:
+    calibration = read(write(tmp_path, "calib.txt", text))
+    assert calibration.baseline == pytest.approx(0.193001, abs=1e-6)
+    assert (calibration.focal, calibration.cx, calibration.cy) == (994.978, 311.193, 254.877)
+    assert calibration.doffs == doffs
+
+
+def test_a_file_for_each_camera(tmp_path: Path) -> None:
+    """The same names in both files are the two cameras'; what a rig has once must be the same."""
+
+    def camera(focal: int) -> str:
+        return f"K: [[{focal}, 0, 322], [0, {focal}, 238], [0, 0, 1]]\nD: [-0.{focal}, 0.09, 0, 0, 0]\n"
+
+    pose = "R: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\nT: [-0.12, 0, 0]\n"
+    left, right = write(tmp_path, "left.yml", camera(520)), write(tmp_path, "right.yml", camera(514) + pose)
+    alone, stereo = write(tmp_path, "right_alone.yml", camera(514)), write(tmp_path, "stereo.yml", pose)
+    for files in ([left, right], [right, left], [left, alone, stereo]):
+        rig = read_calibration(files)
+        assert isinstance(rig, StereoRig)
+        assert (rig.left.matrix[0, 0], rig.right.matrix[0, 0]) == (520, 514)
+        assert (rig.left.distortion[0], rig.right.distortion[0]) == (-0.520, -0.514)
+        assert rig.baseline == 0.12
+    other = write(tmp_path, "left_too.yml", camera(520) + pose.replace("0.12", "0.13"))
+    with pytest.raises(AnyNetError, match=r"expected T once, got different ones in left_too.yml and right.yml"):
+        read_calibration([other, right])
+    with pytest.raises(
+        AnyNetError, match=r"expected K once, got different ones in left.yml and right.yml and third.yml"
+    ):
+        read_calibration([left, right, write(tmp_path, "third.yml", camera(500))])
+
+
+def test_kalibr_in_two_files(tmp_path: Path) -> None:
+    camera = "  camera_model: pinhole\n  intrinsics: [461, 460, 363, 248]\n  distortion_model: radtan\n"
+    camera += "  distortion_coeffs: [-0.28, 0.07, 0, 0]\n  resolution: [752, 480]\n"
+    pose = "  T_cn_cnm1: [[1, 0, 0, -0.11], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n"
+    first, second = write(tmp_path, "a.yaml", "cam0:\n" + camera), write(tmp_path, "b.yaml", "cam1:\n" + camera + pose)
+    for files in ([first, second], [second, first]):
+        rig = read_calibration(files)
+        assert isinstance(rig, StereoRig)
+        assert (rig.baseline, rig.size) == (pytest.approx(0.11), (752, 480))
+    with pytest.raises(AnyNetError, match="lacks cam1"):
+        read_calibration(first)
+
+
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
 def test_byte_order_marks(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "calib.txt"

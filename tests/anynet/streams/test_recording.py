@@ -81,6 +81,24 @@ uint32 nanosec
     assert frame.stamp == 5_000_000_006
 
 
+@pytest.mark.parametrize("profile", ["ros1", ""])
+def test_ros_1_messages_in_mcap_are_refused(tmp_path: Path, profile: str) -> None:
+    writer_of = pytest.importorskip("mcap.writer", reason="the mcap library is not installed").Writer
+    path = tmp_path / "ros1.mcap"
+    with open(path, "wb") as file:
+        writer = writer_of(file)
+        writer.start(profile=profile, library="test")
+        schema = writer.register_schema(name="sensor_msgs/Image", encoding="ros1msg", data=b"uint32 height")
+        for side in ("left", "right"):
+            channel = writer.register_channel(topic=f"/{side}/image", message_encoding="ros1", schema_id=schema)
+            writer.add_message(channel, log_time=1, publish_time=1, data=bytes(8))
+        writer.finish()
+    with pytest.raises(AnyNetError) as caught:
+        Recording(path)
+    message = "ROS 1 messages inside an MCAP file are not read: use the .bag, or convert it to ROS 2"
+    assert str(caught.value) == f"{path}: {message}"
+
+
 def test_compressed_and_side_by_side(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as bag:
         bag.compressed("/zed/image/compressed", np.hstack(images(0)), START)

@@ -48,11 +48,11 @@ FORMATS = (
     Format("K.txt", 1, "m", text.recognizes, text.read),
     Format("ZED", 1, "mm", zed.recognizes, zed.read),
     Format("ROS camera_info", 2, "m", ros.recognizes, ros.read),
-    Format("Kalibr", 1, "m", kalibr.recognizes_chain, kalibr.read_chain),
+    Format("Kalibr", 2, "m", kalibr.recognizes_chain, kalibr.read_chain),
     Format("EuRoC", 2, "m", kalibr.recognizes_sensors, kalibr.read_sensors),
     Format("ORB-SLAM", 1, "m", orb_slam.recognizes, orb_slam.read),
     Format("VINS", 3, "m", camodocal.recognizes, camodocal.read),
     Format("DepthAI", 1, "cm", depthai.recognizes, depthai.read),
     Format("RealSense", 1, "m", realsense.recognizes, realsense.read),
-    Format("OpenCV", 2, "", opencv.recognizes, opencv.read),
+    Format("OpenCV", 3, "", opencv.recognizes, opencv.read),
 )

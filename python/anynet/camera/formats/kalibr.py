@@ -17,12 +17,19 @@ from anynet.errors import AnyNetError
 
 
 def recognizes_chain(documents: Sequence[Document]) -> bool:
-    first = documents[0].fields.get("cam0")
-    return len(documents) == 1 and isinstance(first, dict) and "intrinsics" in first
+    return all(any(map(_is_camera, (d.fields.get("cam0"), d.fields.get("cam1")))) for d in documents)
+
+
+def _is_camera(node: Tree | None) -> bool:
+    return isinstance(node, dict) and "intrinsics" in node
 
 
 def read_chain(documents: Sequence[Document], request: Request) -> Found:
-    fields = documents[0].fields
+    fields: dict[str, Tree] = {}
+    for document in documents:
+        for name, node in document.fields.items():
+            if fields.setdefault(name, node) != node:
+                raise AnyNetError(f"expected {name} once, got different ones in {documents[0].path.name} and others")
     cameras = []
     for name in ("cam0", "cam1"):
         inner = field(fields, name)

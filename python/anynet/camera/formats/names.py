@@ -33,14 +33,14 @@ class Names:
     def __init__(self, tree: Tree) -> None:
         self._nodes: dict[str, Named] = {}
         for path, node in walk(tree):
-            if any(word in _plain(name) for name in path for word in _NOT_OF_CAMERAS):
+            if any(word in plain(name) for name in path for word in _NOT_OF_CAMERAS):
                 continue
             for start in range(len(path)):
-                self._nodes.setdefault(_plain("".join(path[start:])), (path[-1], node))
+                self._nodes.setdefault(plain("".join(path[start:])), (path[-1], node))
 
     def one(self, bases: Sequence[str]) -> Named | None:
         """The first of these fields that is there."""
-        return next((self._nodes[_plain(base)] for base in bases if _plain(base) in self._nodes), None)
+        return next((self._nodes[plain(base)] for base in bases if plain(base) in self._nodes), None)
 
     def pair(self, bases: Sequence[str]) -> tuple[Named, Named] | None:
         """The left and the right camera's field.
@@ -51,7 +51,7 @@ class Names:
         half: tuple[str, str] | None = None
         for base in bases:
             for sides in _SIDES:
-                for names in ([_plain(base + side) for side in sides], [_plain(side + base) for side in sides]):
+                for names in ([plain(base + side) for side in sides], [plain(side + base) for side in sides]):
                     there = [name in self._nodes for name in names]
                     if all(there):
                         return self._nodes[names[0]], self._nodes[names[1]]
@@ -81,8 +81,8 @@ class Names:
         found = self.one(["unit", "units", "lengthUnit", "baselineUnit", "translationUnit"])
         if found is None or not isinstance(found[1], str):
             return None
-        names = {"meter": "m", "meters": "m", "millimeter": "mm", "millimeters": "mm", "centimeter": "cm"}
-        name = found[1].strip().lower()
+        name = found[1].strip().lower().removesuffix("s").replace("metre", "meter")
+        names = {"meter": "m", "millimeter": "mm", "centimeter": "cm", "inche": "in", "inch": "in"}
         return METERS.get(names.get(name, name))
 
     def text(self, *names: str) -> str:
@@ -126,5 +126,5 @@ def _length(name: str, node: Tree) -> int:
     return whole(float(numbers(node, name, 1)[0]), name)
 
 
-def _plain(name: str) -> str:
+def plain(name: str) -> str:
     return "".join(letter for letter in name.lower() if letter.isalnum())

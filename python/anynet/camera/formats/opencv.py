@@ -13,7 +13,7 @@ import numpy as np
 
 from anynet.camera.document import Document
 from anynet.camera.formats.found import EXCHANGED, Found, Matrix, Request, camera_values, from_projections, from_rig
-from anynet.camera.formats.names import Named, Names, matrix
+from anynet.camera.formats.names import Named, Names, matrix, plain
 from anynet.camera.rig import FISHEYE, PINHOLE, Camera, StereoRig
 from anynet.camera.tree import Tree, numbers, shortened
 from anynet.errors import AnyNetError
@@ -29,16 +29,16 @@ _R = ("R", "rotation", "rotationMatrix", "rot", "stereoR", "matR", "R_stereo", "
 _T = ("T", "translation", "translationVector", "translationMatrix", "trans", "stereoT", "matT", "T_stereo", "T12",
       "T_lr", "tvec", "extrinsicTranslation")  # fmt: skip
 
+_OF_A_CAMERA = {plain(name) for name in _P + _K + _D}
+_OF_THE_RIG = {plain(name) for name in _Q + _R + _T}
+
 
 def recognizes(documents: Sequence[Document]) -> bool:
     return all(document.kind in ("yaml", "xml", "json") and document.fields for document in documents)
 
 
 def read(documents: Sequence[Document], request: Request) -> Found:
-    tree: dict[str, Tree] = {}
-    for document in documents:  # as OpenCV's sample writes them: intrinsics.yml, extrinsics.yml
-        for name, node in document.fields.items():
-            tree.setdefault(name, node)
+    tree = _merged(documents)
     names = Names(tree)
     meters = request.meters or names.meters() or 1.0
     found = Found("OpenCV", size=names.size())
@@ -62,6 +62,34 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     if cameras is not None:
         _from_cameras(found, names, cameras, meters)
     return found
+
+
+def _merged(documents: Sequence[Document]) -> dict[str, Tree]:
+    """The fields of all files. OpenCV's sample has intrinsics.yml and extrinsics.yml; others, a file for each camera.
+
+    Raises:
+        AnyNetError: if files do not say the same of what there is once.
+    """
+    tree: dict[str, Tree] = {}
+    clashing: dict[str, list[tuple[Document, Tree]]] = {}
+    for document in documents:
+        for name, node in document.fields.items():
+            if tree.setdefault(name, node) != node and plain(name) in _OF_A_CAMERA | _OF_THE_RIG:
+                clashing[name] = [(d, d.fields[name]) for d in documents if name in d.fields]
+    for name, found in clashing.items():
+        files = " and ".join(document.path.name for document, _ in found)
+        if plain(name) in _OF_THE_RIG or len(found) > 2:
+            raise AnyNetError(f"expected {name} once, got different ones in {files}")
+        del tree[name]
+        (first, left), (second, right) = found
+        if "right" in first.path.name.lower() and "left" in second.path.name.lower():
+            left, right = right, left
+        for side, node in (("left", left), ("right", right)):
+            fields = tree.setdefault(side, {})
+            if not isinstance(fields, dict):
+                raise AnyNetError(f"expected {name} once, got different ones in {files}")
+            fields[name] = node
+    return tree
 
 
 def _from_q(found: Found, q: Matrix, name: str, meters: float) -> None:
