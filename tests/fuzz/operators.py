@@ -53,7 +53,7 @@ def call(key: str) -> bool:
     import torch
 
     random = Random(key)
-    name, schema, operator = random.choice(_operators())
+    name, schema, operator = random.choice(operators())
     torch.default_generator.manual_seed(random.randrange(2**32))  # torch.manual_seed is slow: it tells every device
     torch.set_num_threads(random.choice((1, 1, 2, 3)))
     sizes = {letter: random.choice((1, 1, 2, 3, 4, 5, 8, 17)) for letter in "NCDHWK"}
@@ -74,7 +74,7 @@ def call(key: str) -> bool:
 
 
 @cache
-def _operators() -> list[tuple[str, Any, Callable[..., Any]]]:
+def operators() -> list[tuple[str, Any, Callable[..., Any]]]:
     import torch
     import torch._dynamo  # some calls do, which takes seconds
 

@@ -48,6 +48,8 @@ class _Input:
         self.name, self.seed = name, seed
         self.target = TARGETS[name]
         self.seeds = self.target.corpus() if isinstance(self.target, Reader) else []
+        if isinstance(self.target, Calls):
+            self.target.prepare()  # takes seconds, which are not the first call's
         self.file = folder / f"input{self.target.ending if isinstance(self.target, Reader) else ''}"
 
     def run(self, number: int) -> str:
@@ -162,7 +164,8 @@ class _Worker:
         while True:
             now = time.monotonic()
             if self.progress.begun != begun:
-                begun, changed, start = self.progress.begun, now, start or now
+                begun, changed = self.progress.begun, now
+                start = start or now
             self.seconds = now - (start or now)  # not those of starting
             self.stopped = self.seconds >= seconds
             if self.stopped or now - changed > _STUCK:

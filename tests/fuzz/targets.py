@@ -23,8 +23,9 @@ class Reader:
 
 @dataclass(frozen=True)
 class Calls:
-    """Makes the call of a seed; returns whether the arguments were accepted."""
+    """Makes the call of a seed, once prepared; returns whether the arguments were accepted."""
 
+    prepare: Callable[[], object]
     call: Callable[[str], bool]
 
 
@@ -101,5 +102,5 @@ TARGETS: dict[str, Reader | Calls] = {
     ),
     "checkpoint-safetensors": Reader(_checkpoint, ".safetensors", corpus.safetensors),
     "checkpoint-tar": Reader(_checkpoint, ".tar", corpus.pickled),
-    "operators": Calls(operators.call),
+    "operators": Calls(operators.operators, operators.call),
 }

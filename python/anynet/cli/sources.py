@@ -110,7 +110,7 @@ def _is_live(name: str) -> bool:
         return True
     try:
         return stat.S_ISCHR(os.stat(name).st_mode)
-    except OSError:
+    except (OSError, ValueError):  # ValueError: a name with a zero byte
         return name.startswith("/dev/video")
 
 
