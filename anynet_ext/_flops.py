@@ -82,10 +82,19 @@ def _register(name: str, formula: Callable[[Any, tuple[Any, ...]], int]) -> None
     register_flop_formula(getattr(torch.ops.anynet, name))(counted)
 
 
+def _forward(formula: Callable[..., int]) -> Callable[[Any, tuple[Any, ...]], int]:
+    return lambda out, args: formula(out, *args)
+
+
+def _backward(formula: Callable[..., int]) -> Callable[[Any, tuple[Any, ...]], int]:
+    """Twice the forward pass, whose result has the first argument's shape."""
+    return lambda out, args: 2 * formula(*args)
+
+
 for _name, _formula in _FORMULAS.items():
-    _register(_name, lambda out, args, formula=_formula: formula(out, *args))
+    _register(_name, _forward(_formula))
 for _name in ("batch_norm_relu", "cost_volume", "resize", "soft_argmin", "spatial_propagation", "warp"):
-    _register(f"{_name}_backward", lambda out, args, formula=_FORMULAS[_name]: 2 * formula(args[0], *args[1:]))
+    _register(f"{_name}_backward", _backward(_FORMULAS[_name]))
 for _name in ("conv3x3", "conv3x3x3"):
     # Of (grad, weight, before, input_size, stride) and (grad, input, scale, shift, stride, relu_in).
     _register(f"{_name}_backward_input", lambda out, args: _convolution(args[0], args[3], args[1]))

@@ -122,7 +122,7 @@ def _raw_alone(fields: Mapping[str, Tree], request: Request) -> Found:
     if lacking:
         raise _lacks(" and ".join(f"P_rect_{label}" for label in labels), lacking)
     found = Found(f"KITTI, {pair}")
-    from_rig(found, _raw(fields, *labels, request.meters or 1.0), f"T_{labels[1]}")
+    from_rig(found, _raw(fields, labels[0], labels[1], request.meters or 1.0), f"T_{labels[1]}")
     return found
 
 
