@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from anynet.frame import Frame, Image, check_images
 from anynet.model.confidence import ConfidenceModel
 from anynet.model.deploy import DeployedAnyNet
 from anynet.model.graphs import GraphedAnyNet
+from anynet.samples import MAX_DISPARITY
 from anynet.scheduler import MAX_THREADS, LatencyTable
 from anynet.shutdown import computing
 
@@ -81,6 +83,11 @@ class Predictor:
             raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
         self.device = find_device(device)
         network = DeployedAnyNet(load_checkpoint(weights, input_scale))
+        if input_scale is not None and network.config.reach < MAX_DISPARITY:
+            warnings.warn(
+                f"input_scale {input_scale:g}: these weights find disparities below {network.config.reach:.0f} pixels then",
+                stacklevel=2,
+            )
         self._network: DeployedAnyNet | GraphedAnyNet = network
         self._clock: HostClock | DeviceClock = HostClock()
         self._process = os.getpid()

@@ -91,17 +91,26 @@ def test_stages_are_the_networks(
 
 @pytest.mark.parametrize(("input_scale", "shift"), [(0.5, 260), (0.37, 150), (1.5, 170), (2, 170), (2.5, 170)])
 def test_input_scale(input_scale: float, shift: int) -> None:
-    """Below 1 the packaged network reaches beyond 192 pixels; above 1 no less far than before."""
+    """Below 1 a packaged network reaches beyond 192 pixels; above 1 no less far than before."""
     noise = np.random.default_rng(0).integers(0, 256, (40, 180, 3), dtype=np.uint8)
     wide = np.kron(noise, np.ones((5, 5, 1), np.uint8))
     left, right = wide[:, :-shift], wide[:, shift:]
-    predictor = Predictor(input_scale=input_scale)
+    predictor = Predictor("paper", input_scale=input_scale)
     assert predictor.config.input_scale == input_scale
     for estimate in predictor.stages(left, right):
         assert estimate.disparity.shape == (200, 900 - shift)
         assert estimate.disparity.flags.writeable
     assert np.abs(np.median(estimate.disparity[50:150, shift + 50 : -50]) - shift) < 1
     np.testing.assert_array_equal(predictor.predict(left, right).disparity, estimate.disparity)
+
+
+def test_a_shorter_reach_is_told() -> None:
+    with pytest.warns(UserWarning, match=r"input_scale 1.5: these weights find disparities below 128 pixels then"):
+        Predictor("default", input_scale=1.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Predictor("default", input_scale=0.5)
+        Predictor("large", input_scale=3)
 
 
 @pytest.mark.parametrize("input_scale", [1 / 16, 0.7, 1.3, 4])
@@ -351,7 +360,7 @@ def test_confidence_changes_no_disparity(input_scale: float, left_right: bool) -
 
 @pytest.mark.parametrize("input_scale", [1, 0.6])
 def test_the_right_view_is_the_left_one_of_mirrored_images(input_scale: float) -> None:
-    predictor = Predictor(input_scale=input_scale)
+    predictor = Predictor("paper", input_scale=input_scale)
     left, right = pair(50, 90)
     options = {"confidence": True, "left_right": True}
     seen = predictor.predict(left, right, view="right", **options)

@@ -251,6 +251,11 @@ class AnyNetConfig:
         return self.features.blocks + 2
 
     @property
+    def reach(self) -> float:
+        """Pixels of the images from which on the first stage finds no disparity."""
+        return (self.first_stage.range[1] + 1) * (4 << self.features.blocks) / self.input_scale
+
+    @property
     def enlargement(self) -> int:
         """1 or 2: what of `input_scale` the network does itself, without the enlarged images in memory."""
         return 2 if self.input_scale >= 2 else 1

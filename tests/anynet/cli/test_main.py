@@ -121,7 +121,7 @@ def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
     [
         (PermissionError(13, "Permission denied", "/a/b"), 2, "anynet: /a/b: Permission denied"),
         (OSError("something"), 2, "anynet: something"),
-        (AnyNetError("a\nb.png: expected this"), 2, "anynet: a b.png: expected this"),
+        (AnyNetError("a\nb.png: expected this"), 2, r"anynet: a\nb.png: expected this"),
         (MemoryError(), 2, "anynet: out of memory"),
         (KeyboardInterrupt(), 130, None),
     ],

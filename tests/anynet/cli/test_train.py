@@ -27,9 +27,9 @@ def test_every_field_is_an_option(
         "128",
     ]
     arguments += ["--data", "render:3", "--data", "render:4", "--no-augment", "--schedule", "constant", "--epochs", "3"]
-    assert main(["train", "--out", str(tmp_path), *arguments]) == 0
+    assert main(["train", "--preset", "paper", "--out", str(tmp_path), *arguments]) == 0
     expected = replace(
-        PRESETS["default"],
+        PRESETS["paper"],
         network=AnyNetConfig().with_options({"features.channels": 2}),
         stage_weights=(1.0, 2.0),
         crop_size=(64, 128),

@@ -38,6 +38,8 @@ def test_the_first_stage_reaches_as_far_at_any_input_scale(before: float, after:
 def test_a_flat_first_stage_keeps_its_range_whatever_the_input_scale() -> None:
     config = presets.default()
     assert config.with_input_scale(2) == replace(config, input_scale=2)
+    assert [config.with_input_scale(scale).reach for scale in (0.5, 1, 2)] == [384, 192, 96]
+    assert [presets.large().with_input_scale(scale).reach for scale in (0.5, 1, 2)] == [384, 192, 192]
 
 
 def test_input_scale_is_shared_by_network_and_caller() -> None:
@@ -59,7 +61,7 @@ def test_input_scale_is_shared_by_network_and_caller() -> None:
     [
         ({"features.blocks": 1}, "residual_stages.ranges for each of 1 stages"),
         ({"residual_stages.channels": [4]}, "residual_stages.channels for each of 2 stages .*, got 1"),
-        ({"first_stage.dims": 4}, "dims from 2 to 3, got 4"),
+        ({"first_stage.dims": 4}, "dims as an integer from 2 to 3, got 4"),
         (
             {"first_stage.dims": 2},
             "an hourglass and no fine_costs with 2 dims, .*, got hourglass 0 and fine_costs False",
