@@ -121,10 +121,10 @@ class CameraOptions:
         Raises:
             AnyNetError: if a file is not usable, or values are missing.
         """
-        from anynet.camera import Calibration, read_calibration
-
         numbers = self._numbers
         if self.calib:
+            from anynet.camera import read_calibration
+
             pair = None if self.calib_pair is None else self.calib_pair.value.replace("grey", "gray")
             return read_calibration(
                 self.calib, unit=self.calib_unit, size=size, pair=pair, image=image, replace=numbers
@@ -136,6 +136,8 @@ class CameraOptions:
         missing = [f"--{name}" for name in ("focal", "baseline") if name not in numbers]
         if missing:
             raise AnyNetError(f"the calibration lacks {' and '.join(missing)}")
+        from anynet.camera import Calibration
+
         return Calibration(**numbers, origin="options")
 
     def of_source(self, named: Path, source: Source) -> Calibration | StereoRig | None:

@@ -119,7 +119,7 @@ def predict(
     from anynet.trust import Trust
 
     with collected_warnings() as told:
-        calibration = cameras.read(pairs[0].left, _size(pairs[0].left))
+        calibration = cameras.read(pairs[0].left, _size(pairs[0].left) if cameras.calib else None)
     prepare = cameras.preparation(calibration, input_scale)
     inputs = file_ids(path for pair in pairs for path in (pair.left, pair.right))
     writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth, inputs)

@@ -112,8 +112,10 @@ def _encode_png(path: str | Path, disparity: npt.NDArray[np.float32]) -> bytes:
         raise AnyNetError(
             f"{path}: a 16-bit PNG holds disparities below 256 pixels, got {np.nanmax(disparity):.1f}; use pfm or npy"
         )
-    buffer = io.BytesIO()
-    Image.fromarray(np.where(known, levels.clip(min=1), 0).astype(np.uint16)).save(buffer, format="PNG")
+    buffer = io.BytesIO()  # the usual level 6 takes almost three times as long, for 4 % less
+    Image.fromarray(np.where(known, levels.clip(min=1), 0).astype(np.uint16)).save(
+        buffer, format="PNG", compress_level=4
+    )
     return buffer.getvalue()
 
 

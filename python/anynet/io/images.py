@@ -6,6 +6,9 @@ import io
 import re
 import sys
 import warnings
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +19,10 @@ from PIL import ExifTags, Image, ImageFile, UnidentifiedImageError
 from anynet.errors import AnyNetError, one_line
 from anynet.io.files import check_size, max_pixels, read_bytes, telling_damage, write_atomically
 
-# Those that cameras and data sets use, without those that Pillow hands to other programs (EPS).
+# Those that cameras and data sets use, without those that Pillow hands to other programs (EPS); and their modules of
+# Pillow, as importing all of its fifty formats takes long.
 FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP", "WEBP", "GIF", "JPEG2000", "TGA", "AVIF")
+_PLUGINS = ("Png", "Jpeg", "Tiff", "Ppm", "Bmp", "WebP", "Gif", "Jpeg2K", "Tga", "Avif")
 _SCANS = 10  # of a JPEG of most pixels: each costs as much as decoding them all
 _DEFLATED = 1032  # most bytes that one byte of a PNG tells
 _SLOW_PIXELS = 2**20  # most that Pillow's decoders in Python are trusted with
@@ -36,9 +41,18 @@ _DEEP_COLOR = re.compile("RGBA?;16[BLN]$")
 Levels = npt.NDArray[Any]  # uint8 or uint16
 
 
+@cache
+def _formats() -> dict[str, str]:
+    """Loads what `FORMATS` needs, as far as this Pillow has it. Returns the format of each ending of file names."""
+    for name in _PLUGINS:
+        with suppress(ImportError):
+            import_module(f"PIL.{name}ImagePlugin")
+    return Image.EXTENSION
+
+
 def endings() -> set[str]:
     """The endings of file names that images have, such as .png."""
-    return {ending for ending, kind in Image.registered_extensions().items() if kind in FORMATS}
+    return {ending for ending, kind in _formats().items() if kind in FORMATS}
 
 
 def open_image(path: str | Path) -> Image.Image:
@@ -106,7 +120,7 @@ def write_image(path: str | Path, image: npt.NDArray[np.uint8]) -> None:
     Raises:
         AnyNetError: if the name has no known ending, or the file cannot be written.
     """
-    image_format = Image.registered_extensions().get(Path(path).suffix.lower())
+    image_format = _formats().get(Path(path).suffix.lower())
     if image_format not in FORMATS:
         raise AnyNetError(f"{path}: expected a name ending like an image format, such as .png")
     buffer = io.BytesIO()
@@ -119,7 +133,7 @@ def write_image(path: str | Path, image: npt.NDArray[np.uint8]) -> None:
 
 def _open(path: str | Path, data: bytes) -> ImageFile.ImageFile:
     """The image with its header read and its size checked."""
-    Image.init()
+    _formats()
     if Image.MAX_IMAGE_PIXELS is not None and max_pixels() > Image.MAX_IMAGE_PIXELS:
         Image.MAX_IMAGE_PIXELS = max_pixels()  # the user has raised the limit, so Pillow's must follow
     with telling_damage(path, "damaged image"):
