@@ -84,10 +84,8 @@ class Predictor:
         self.device = find_device(device)
         network = DeployedAnyNet(load_checkpoint(weights, input_scale))
         if input_scale is not None and network.config.reach < MAX_DISPARITY:
-            warnings.warn(
-                f"input_scale {input_scale:g}: these weights find disparities below {network.config.reach:.0f} pixels then",
-                stacklevel=2,
-            )
+            reach = f"these weights find disparities below {network.config.reach:.0f} pixels then"
+            warnings.warn(f"input_scale {input_scale:g}: {reach}", stacklevel=2)
         self._network: DeployedAnyNet | GraphedAnyNet = network
         self._clock: HostClock | DeviceClock = HostClock()
         self._process = os.getpid()
