@@ -194,11 +194,12 @@ def upsample_sum(
     side: float = 0.0,
 ) -> Tensor:
     """sum_i gains[i] * bilinear(maps[i]), cropped to height x width; the last map is smoothed first"""
-    axis = maps[0].new_tensor([side, 1 - 2 * side, side])
-    smooth = F.conv2d(F.pad(maps[-1][None, None], (1, 1, 1, 1), mode="replicate"), torch.outer(axis, axis)[None, None])
+    padded = F.pad(maps[-1][None, None], (1, 1, 1, 1), mode="replicate")[0, 0]
+    rows = side * (padded[:-2] + padded[2:]) + (1 - 2 * side) * padded[1:-1]
+    smooth = side * (rows[:, :-2] + rows[:, 2:]) + (1 - 2 * side) * rows[:, 1:-1]
     upsampled = [
         gain * F.interpolate(m[None, None], scale_factor=ratio, mode="bilinear")[0, 0, :height, :width]
-        for m, ratio, gain in zip([*maps[:-1], smooth[0, 0]], ratios, gains or [1.0] * len(maps), strict=True)
+        for m, ratio, gain in zip([*maps[:-1], smooth], ratios, gains or [1.0] * len(maps), strict=True)
     ]
     return torch.stack(upsampled).sum(0)
 
