@@ -8,10 +8,14 @@ from typing import Any, ParamSpec, TypeVar
 
 import torch
 from torch import Tensor
-from torch.overrides import handle_torch_function, has_torch_function
+from torch.overrides import handle_torch_function
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+# Not `torch.overrides.has_torch_function`, which is also true within a mode: modes see the operator itself.
+_USUAL = (None, Tensor.__torch_function__, torch.nn.Parameter.__torch_function__)
 
 
 def overridable(function: Callable[P, R]) -> Callable[P, R]:
@@ -23,12 +27,9 @@ def overridable(function: Callable[P, R]) -> Callable[P, R]:
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         values = (*args, *kwargs.values())
-        if has_torch_function(values):
-            result: R = handle_torch_function(call, values, *args, **kwargs)
-            return result
-        for value in values:
-            if isinstance(value, (list, tuple)) and has_torch_function(value):
-                result = handle_torch_function(call, value, *args, **kwargs)
+        for group in (values, *(value for value in values if isinstance(value, (list, tuple)))):
+            if any(getattr(type(value), "__torch_function__", None) not in _USUAL for value in group):
+                result: R = handle_torch_function(call, group, *args, **kwargs)
                 return result
         return function(*args, **kwargs)
 

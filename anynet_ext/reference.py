@@ -65,7 +65,7 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None, first: in
     return torch.stack(costs, 1).to(left.dtype)
 
 
-def soft_argmin(cost: Tensor, first: int) -> Tensor:
+def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
     """out[n,0,y,x] = sum_k (first + k) softmax_k(-cost[n,k,y,x])"""
     (wide,) = _widen(cost)
     disparities = torch.arange(first, first + cost.shape[1], dtype=wide.dtype, device=cost.device)

@@ -68,12 +68,10 @@ def _reference(operator: Any) -> Callable[..., Any]:
     """The function of `anynet_ext.reference` that takes the operator's arguments."""
     name = operator._schema.name.split("::")[1]
     parameters = [argument.name for argument in operator._schema.arguments]
-    # A traced program leaves out what is the default.
-    defaults = {a.name: a.default_value for a in operator._schema.arguments if a.has_default_value()}
     function = getattr(reference, name)
 
     def call(*args: Any, **kwargs: Any) -> Any:
-        values = defaults | dict(zip(parameters, args, strict=False)) | kwargs
+        values = dict(zip(parameters, args, strict=False)) | kwargs
         if name == "resize":
             values["size"] = values.pop("height"), values.pop("width")
         if name in ("fill_occlusions", "normalized_propagation"):

@@ -23,5 +23,5 @@ def pair() -> Pair:
 @pytest.fixture(scope="session")
 def small_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("weights") / "small.safetensors"
-    save_checkpoint(path, wild(presets.default().with_options({"first_stage.channels": 4})))
+    save_checkpoint(path, wild(presets.filled().with_options({"first_stage.channels": 4})))
     return path
