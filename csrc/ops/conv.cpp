@@ -219,10 +219,10 @@ std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   for (const std::string name : {"conv3x3", "conv3x3x3"}) {
     ANYNET_SCHEMA(
-        m,
-        (name + "(Tensor input, Tensor weight, Tensor? bias=None, Tensor? scale=None, Tensor? shift=None, int stride=1, "
-                "bool relu_in=False, bool relu_out=False) -> Tensor")
-            .c_str());
+        m, (name +
+            "(Tensor input, Tensor weight, Tensor? bias=None, Tensor? scale=None, Tensor? shift=None, int stride=1, "
+            "bool relu_in=False, bool relu_out=False) -> Tensor")
+               .c_str());
     ANYNET_SCHEMA(
         m, (name +
             "_backward_input(Tensor grad, Tensor weight, Tensor? before, SymInt[] input_size, int stride) -> Tensor")

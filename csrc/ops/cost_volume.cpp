@@ -93,8 +93,7 @@ std::tuple<Tensor, Tensor, Tensor> cost_volume_backward(const Tensor& grad, cons
 
 #ifdef ANYNET_DEFINE_SCHEMAS
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
-  ANYNET_SCHEMA(
-      m, "cost_volume(Tensor left, Tensor right, Tensor? disparity=None, int first=0, int last=0) -> Tensor");
+  ANYNET_SCHEMA(m, "cost_volume(Tensor left, Tensor right, Tensor? disparity=None, int first=0, int last=0) -> Tensor");
   // Without disparity the third result is empty.
   ANYNET_SCHEMA(
       m,

@@ -52,8 +52,9 @@ Tensor resize_backward(const Tensor& grad, int64_t height, int64_t width, double
 
 STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
   ANYNET_SCHEMA(
-      m, "resize(Tensor input, SymInt height, SymInt width, float scale=1.0, Tensor? add=None, bool align_corners=False) "
-         "-> Tensor");
+      m,
+      "resize(Tensor input, SymInt height, SymInt width, float scale=1.0, Tensor? add=None, bool align_corners=False) "
+      "-> Tensor");
   ANYNET_SCHEMA(m,
                 "resize_backward(Tensor grad, SymInt height, SymInt width, float scale, bool align_corners) -> Tensor");
 }

@@ -5,11 +5,12 @@
 // PACKAGE is of `anynet export --format aoti`, for images of this size, and LIBRARY the _C.so that `anynet info` names,
 // which holds our operators. Prints each stage's time; writes the last stage's disparity in pixels, float32.
 
-#include <dlfcn.h>
-
 #include <ATen/Tensor.h>
 #include <ATen/ops/empty.h>
 #include <c10/core/InferenceMode.h>
+#include <dlfcn.h>
+#include <torch/csrc/inductor/aoti_package/model_package_loader.h>
+
 #include <chrono>
 #include <cstdio>
 #include <exception>
@@ -24,7 +25,6 @@
 #include <sstream>
 #include <stdexcept>
 #include <string>
-#include <torch/csrc/inductor/aoti_package/model_package_loader.h>
 #include <vector>
 
 namespace {
@@ -38,7 +38,7 @@ std::vector<std::string> words(const std::string& text) {
 
 // A compiled model whose inputs and outputs have names.
 class Model {
-public:
+ public:
   Model(const std::string& package, const std::string& name) : loader_(package, name) {
     auto metadata = loader_.get_metadata();
     inputs_ = words(metadata.at("inputs"));
@@ -54,14 +54,14 @@ public:
     return results[0];
   }
 
-private:
+ private:
   Package loader_;
   std::vector<std::string> inputs_, outputs_;
 };
 
 // A network that can be stopped after each of its stages.
 class Anytime {
-public:
+ public:
   explicit Anytime(const std::string& package) {
     auto metadata = Package::load_metadata_from_package(package, "model");
     height_ = std::stol(metadata.at("height"));
@@ -71,7 +71,8 @@ public:
     expected_ms_.resize(stages_.size());
   }
 
-  // The disparity [H, W] of the last stage that fits into the budget, going by the last frame. The first one always runs.
+  // The disparity [H, W] of the last stage that fits into the budget, going by the last frame. The first one always
+  // runs.
   at::Tensor predict(const at::Tensor& left, const at::Tensor& right, double budget_ms) {
     if (left.size(0) != height_ || left.size(1) != width_ || left.sizes() != right.sizes())
       throw std::runtime_error("expected images of " + std::to_string(width_) + " x " + std::to_string(height_));
@@ -91,7 +92,7 @@ public:
     return disparity;
   }
 
-private:
+ private:
   int64_t height_, width_;
   std::vector<std::unique_ptr<Model>> stages_;
   std::vector<double> expected_ms_;
@@ -113,7 +114,7 @@ void write(const std::string& path, const at::Tensor& disparity) {
   if (!cv::imwrite(path, map)) throw std::runtime_error(path + ": cannot be written");
 }
 
-} // namespace
+}  // namespace
 
 int main(int count, char** arguments) {
   if (count < 6 || count > 7) {
@@ -121,7 +122,7 @@ int main(int count, char** arguments) {
     return 2;
   }
   try {
-    const std::string library = std::filesystem::absolute(arguments[2]); // a bare name would be looked for elsewhere
+    const std::string library = std::filesystem::absolute(arguments[2]);  // a bare name would be looked for elsewhere
     if (!dlopen(library.c_str(), RTLD_NOW)) throw std::runtime_error(dlerror());
     const double budget = count > 6 ? std::stod(arguments[6]) : std::numeric_limits<double>::infinity();
     const at::Tensor left = read(arguments[3]), right = read(arguments[4]);

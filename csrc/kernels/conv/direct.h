@@ -369,7 +369,8 @@ void convolve_rows(const Geometry& g, const Source<T>& source, const Vector<T>& 
       target.bias = bias == nullptr ? nullptr : bias + o;
       const int64_t tall = rows_beside(static_cast<int>(size));
       const int64_t rows = g.stride == 1 && g.dilation == 1 && g.out_height >= tall ? tall : 1;
-      const int64_t most = vectors_beside(static_cast<int>(size), static_cast<int>(rows)), runs = (vectors + most - 1) / most;
+      const int64_t most = vectors_beside(static_cast<int>(size), static_cast<int>(rows)),
+                    runs = (vectors + most - 1) / most;
       for (int64_t top = begin; top < end; top += rows) {
         const int64_t y = std::min(top, g.out_height - rows);  // the last rows of an image may be computed twice
         for (int64_t i = 0; i < rows + 2; ++i) {
