@@ -89,7 +89,7 @@ def cuobjdump():
 def kernel(mangled: str) -> tuple[str, bool]:
     """Name ("warp::forward"), and whether this is the variant for aligned rows."""
     names = "|".join(sorted({name.split("::")[1] for name in REGISTERS}, key=len, reverse=True))
-    match = re.search(rf"_\d+_(\w+?)_cuda_cu_\w+?\d({names})I(\w+)", mangled)
+    match = re.search(rf"_GLOBAL__N__[0-9a-f]+_\d+_(\w+?)_cuda_cu_\w+?\d({names})I(\w+)", mangled)
     assert match is not None, mangled
     return f"{match[1]}::{match[2]}", re.search(r"L(i[2-9]|b1)E", match[3]) is not None
 

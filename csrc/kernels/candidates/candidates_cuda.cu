@@ -45,9 +45,12 @@ __global__ void __launch_bounds__(Pixel::threads_per_block) costs(CandidateCosts
     }
     return sum;
   };
-  for (int64_t k = 0; k < a.count; ++k) a.out[(task * a.count + k) * pixels + here] = cost(disparity, a.first + k);
-  a.out[(a.groups * a.count + task) * pixels + here] = cost(largest, 0);
-  a.out[(a.groups * (a.count + 1) + task) * pixels + here] = cost(smallest, 0);
+  for (int64_t k = 0; k < a.count + 2; ++k) {  // one call of `cost` is inlined, three are not
+    const bool around = k < a.count;
+    const T d = around ? disparity : k == a.count ? largest : smallest;
+    const int64_t plane = around ? task * a.count + k : a.groups * k + task;
+    a.out[plane * pixels + here] = cost(d, around ? a.first + k : 0);
+  }
 }
 
 constexpr int threads_per_block = 128;
