@@ -25,7 +25,7 @@ ARCHITECTURES = {"sm_75", "sm_80", "sm_86", "sm_87", "sm_89", "sm_90", "sm_100",
 
 # Registers a thread may use, so that a multiprocessor (65,536 registers) holds at least the blocks named.
 REGISTERS = {
-    "candidates::costs": 64,  # 128 threads: eight
+    "candidates::costs": 96,  # 128 threads: five
     "candidates::expect": 64,
     "conv::forward": 128,  # 128 threads: four
     "conv::pair": 128,
