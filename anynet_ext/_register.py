@@ -8,13 +8,13 @@ from typing import Any, ParamSpec, TypeVar
 
 import torch
 from torch import Tensor
-from torch.overrides import handle_torch_function
+from torch.overrides import handle_torch_function, has_torch_function
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
-# Not `torch.overrides.has_torch_function`, which is also true within a mode: modes see the operator itself.
+# `has_torch_function` is also true within a mode, but modes see the operator itself.
 _USUAL = (None, Tensor.__torch_function__, torch.nn.Parameter.__torch_function__)
 
 
@@ -28,7 +28,9 @@ def overridable(function: Callable[P, R]) -> Callable[P, R]:
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         values = (*args, *kwargs.values())
         for group in (values, *(value for value in values if isinstance(value, (list, tuple)))):
-            if any(getattr(type(value), "__torch_function__", None) not in _USUAL for value in group):
+            if has_torch_function(group) and any(
+                getattr(type(value), "__torch_function__", None) not in _USUAL for value in group
+            ):
                 result: R = handle_torch_function(call, group, *args, **kwargs)
                 return result
         return function(*args, **kwargs)
