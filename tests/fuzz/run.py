@@ -29,6 +29,8 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).parents[1] / "anynet"))  # where the recordings' writer is
+
 from mutations import mutated
 from targets import TARGETS, Calls, Reader
 
