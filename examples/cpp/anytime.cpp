@@ -100,6 +100,8 @@ class Anytime {
 
 // uint8 RGB [H, W, 3].
 at::Tensor read(const std::string& path) {
+  if (!std::filesystem::is_regular_file(path))
+    throw std::runtime_error(path + ": cannot be read");  // OpenCV would warn
   const cv::Mat image = cv::imread(path, cv::IMREAD_COLOR);
   if (image.empty()) throw std::runtime_error(path + ": cannot be read");
   at::Tensor out = at::empty({image.rows, image.cols, 3}, at::kByte);
