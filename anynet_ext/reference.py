@@ -7,10 +7,26 @@ types are computed in float32 and rounded once.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
+
+
+def of(operator: torch._ops.OpOverload) -> Callable[..., Any]:
+    """The function here that stands for an operator `anynet::*`; it takes the operator's arguments."""
+    name = operator._schema.name.split("::")[1]
+    parameters = [argument.name for argument in operator._schema.arguments]
+    function: Callable[..., Any] = globals()[name]
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        values = dict(zip(parameters, args, strict=False)) | kwargs
+        if name == "resize":
+            values["size"] = values.pop("height"), values.pop("width")
+        return function(**values)
+
+    return call
 
 
 def _widen(*tensors: Tensor) -> list[Tensor]:

@@ -19,7 +19,6 @@ import torch
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import Console
-from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
 from anynet_ext import _kernels, reference
@@ -64,10 +63,6 @@ def pair(height: int = HEIGHT, width: int = WIDTH) -> tuple[NDArray[np.uint8], N
     return texture[:, :-20].copy(), texture[:, 20:].copy()
 
 
-def _resize(input: Tensor, height: int, width: int, **rest: Any) -> Tensor:
-    return reference.resize(input, (height, width), **rest)
-
-
 CONVOLUTIONS = ("conv3x3", "conv3x3x3")
 OPERATORS = (*CONVOLUTIONS, "batch_norm_relu", "cost_volume", "resize", "soft_argmin", "spatial_propagation", "warp")
 
@@ -77,17 +72,14 @@ class PlainOperators(TorchFunctionMode):
 
     def __init__(self, names: Sequence[str] = OPERATORS) -> None:
         super().__init__()
-        self._plain = {name: _resize if name == "resize" else getattr(reference, name) for name in names}
+        self._names = {f"anynet::{name}" for name in names}
 
     def __torch_function__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = kwargs or {}
         if isinstance(function, torch._ops.OpOverloadPacket):
             function = function.default
-        if isinstance(function, torch._ops.OpOverload) and function.namespace == "anynet":
-            name = function._schema.name.removeprefix("anynet::")
-            if name in self._plain:
-                parameters = [argument.name for argument in function._schema.arguments]
-                return self._plain[name](**dict(zip(parameters, args, strict=False)), **kwargs)
+        if isinstance(function, torch._ops.OpOverload) and function.name() in self._names:
+            function = reference.of(function)
         return function(*args, **kwargs)
 
 

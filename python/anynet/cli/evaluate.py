@@ -101,7 +101,7 @@ def evaluate(
     from anynet.evaluation.methods import open_method
     from anynet.evaluation.prepared import prepared
     from anynet.io import write_image
-    from anynet.io.files import make_folder, write_atomically
+    from anynet.io.files import make_folder
 
     if threads is not None:
         cv2.setNumThreads(threads)
@@ -115,10 +115,11 @@ def evaluate(
             raise AnyNetError("--confidence excludes --model, --method, --perturb and --splits")
         regions = [choice.value for choice in region or [Region.all]]
         prepare, origin = _preparation(cameras, open_dataset(data[0]), input_scale)
-        text = _confidence(
-            data, weights or ["default"], regions, device, threads, input_scale, left_right, prepare, out
+        text, values = _confidence(
+            data, weights or ["default"], regions, device, threads, input_scale, left_right, prepare
         )
-        print(text + origin, end="")
+        _tell_results(text, values, out, "confidence")
+        print(origin, end="")
         return
     methods: list[tuple[str, Method]] = []
     for name in weights or ([] if method or model else ["default"]):
@@ -158,12 +159,8 @@ def evaluate(
                         warnings.simplefilter("ignore")  # what was done to the images is known
                     for (name, where), evaluation in compare(dict(methods), changed, regions, prepare=prepare).items():
                         table[name, spec, where] = evaluation
-        text = perturbed.markdown(tables) + origin
-        if out is not None:
-            write_atomically(out / "results.md", text.encode())
-            values = {kind: report.to_json(table) for kind, table in tables.items()}
-            write_atomically(out / "results.json", json.dumps(values, indent=2).encode())
-        print(text, end="")
+        values = {kind: report.to_json(table) for kind, table in tables.items()}
+        _tell_results(perturbed.markdown(tables) + origin, values, out, "results")
         return
     results: report.Results = {}
     numbers = count()  # of the figures
@@ -181,9 +178,17 @@ def evaluate(
             for run in runs.values():
                 write_image(out / f"{next(numbers)}.png", report.figure(pair.method(run), pair.sample))
     text = (report.splits_markdown(list(results.values())) if splits else report.markdown(results)) + origin
+    _tell_results(text, report.to_json(results), out, "results")
+
+
+def _tell_results(text: str, values: object, out: Path | None, name: str) -> None:
+    """Prints a table; into the folder `out`, if there is one, it goes too, and its values as JSON."""
+    from anynet.io.files import make_folder, write_atomically
+
     if out is not None:
-        write_atomically(out / "results.md", text.encode())
-        write_atomically(out / "results.json", json.dumps(report.to_json(results), indent=2).encode())
+        make_folder(out)
+        write_atomically(out / f"{name}.md", text.encode())
+        write_atomically(out / f"{name}.json", json.dumps(values, indent=2).encode())
     print(text, end="")
 
 
@@ -207,12 +212,11 @@ def _confidence(
     input_scale: float | None,
     left_right: bool,
     prepare: PairPreparation,
-    out: Path | None,
-) -> str:
+) -> tuple[str, object]:
+    """The table, and its values."""
     from anynet import Predictor
     from anynet.data import open_dataset
     from anynet.evaluation.confidence import evaluate_confidence, markdown, to_json
-    from anynet.io.files import make_folder, write_atomically
 
     results = {}
     predictors = {name: Predictor(name, device=device, threads=threads, input_scale=input_scale) for name in weights}
@@ -222,9 +226,4 @@ def _confidence(
             for region in regions:
                 scores = evaluate_confidence(predictor, samples, region, left_right=left_right, prepare=prepare)
                 results[name, spec, region] = scores
-    text = markdown(results)
-    if out is not None:
-        make_folder(out)
-        write_atomically(out / "confidence.md", text.encode())
-        write_atomically(out / "confidence.json", json.dumps(to_json(results), indent=2).encode())
-    return text
+    return markdown(results), to_json(results)

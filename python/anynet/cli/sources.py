@@ -35,6 +35,11 @@ _BAGS = {".bag", ".mcap", ".db3"}
 _FORMAT = "expected a size like 1280x720"
 
 
+def named_topics(topics: tuple[str, str] | None, topic: str | None) -> tuple[str, ...]:
+    """What --topics and --topic name, for `open_source`."""
+    return (topics or ()) if topic is None else (topic,)
+
+
 def open_source(
     source: str,
     right: str | None = None,

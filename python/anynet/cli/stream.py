@@ -16,7 +16,7 @@ import typer
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.device import Device
 from anynet.cli.results import DepthFormat, Format, Writer, file_ids
-from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source, size_of
+from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, named_topics, open_source, size_of
 from anynet.cli.stopping import stopping
 from anynet.cli.told import collected_warnings, tell_warnings
 from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
@@ -117,14 +117,20 @@ def stream(
                 "options of confidence: the page has its own"
             )
     trust = Trust(min_confidence, drop_occluded)
-    named = (topics or ()) if topic is None else (topic,)
 
     from anynet.streams import Recorder, Stream, Video
 
     with ExitStack() as stack:
         opened = stack.enter_context(
             open_source(
-                source, right, split=split, rate=rate, size=size_of(size), topics=named, slop=slop, reconnect=reconnect
+                source,
+                right,
+                split=split,
+                rate=rate,
+                size=size_of(size),
+                topics=named_topics(topics, topic),
+                slop=slop,
+                reconnect=reconnect,
             )
         )
         with collected_warnings() as told:

@@ -9,7 +9,7 @@ import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.device import Device
-from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source, size_of
+from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, named_topics, open_source, size_of
 from anynet.cli.stopping import stopping
 from anynet.cli.told import collected_warnings, tell_warnings
 
@@ -47,9 +47,15 @@ def view(
 
     Needs viser: pip install 'anynet[view]'. Ctrl-C ends it.
     """
-    named = (topics or ()) if topic is None else (topic,)
     with open_source(
-        source, right, split=split, rate=rate, size=size_of(size), topics=named, slop=slop, reconnect=reconnect
+        source,
+        right,
+        split=split,
+        rate=rate,
+        size=size_of(size),
+        topics=named_topics(topics, topic),
+        slop=slop,
+        reconnect=reconnect,
     ) as opened:
         with collected_warnings() as told:
             calibration = cameras.of_source(Path(source), opened)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -65,20 +66,10 @@ def write_out(program: ExportedProgram) -> ExportedProgram:
 
 
 def _reference(operator: Any) -> Callable[..., Any]:
-    """The function of `anynet_ext.reference` that takes the operator's arguments."""
-    name = operator._schema.name.split("::")[1]
-    parameters = [argument.name for argument in operator._schema.arguments]
-    function = getattr(reference, name)
-
-    def call(*args: Any, **kwargs: Any) -> Any:
-        values = dict(zip(parameters, args, strict=False)) | kwargs
-        if name == "resize":
-            values["size"] = values.pop("height"), values.pop("width")
-        if name in ("fill_occlusions", "normalized_propagation"):
-            values["propagation"] = torch.ops.anynet.spatial_propagation.default
-        return function(**values)
-
-    return call
+    """The operator's reference, whose scans remain an operator."""
+    scans = operator.name() in ("anynet::fill_occlusions", "anynet::normalized_propagation")
+    propagation = {"propagation": torch.ops.anynet.spatial_propagation.default} if scans else {}
+    return partial(reference.of(operator), **propagation)
 
 
 def _cummin(x: Tensor, dim: int) -> tuple[Tensor, Tensor]:

@@ -86,11 +86,6 @@ class Redirected(TorchDispatchMode):
         return func(*args, **(kwargs or {}))
 
 
-def in_plain_pytorch(func: Any) -> Callable[..., Tensor]:
-    names = [argument.name for argument in func._schema.arguments]
-    return lambda *args: getattr(reference, func._opname)(**dict(zip(names, args, strict=False)))
-
-
 def as_cuda_kernels(func: Any) -> Callable[..., Tensor]:
     operator: Callable[..., Tensor] = getattr(torch.ops.anynet_cuda_emulated, func._opname).default
     return operator
@@ -113,7 +108,7 @@ def check_redirected(weights: str, mode: Redirected) -> None:
 
 @pytest.mark.parametrize("weights", [file.stem for file in sorted(PACKAGED.glob("*.safetensors"))])
 def test_its_operators_in_plain_pytorch_give_the_same(weights: str) -> None:
-    check_redirected(weights, Redirected(in_plain_pytorch))
+    check_redirected(weights, Redirected(reference.of))
 
 
 @pytest.mark.slow
