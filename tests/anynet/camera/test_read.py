@@ -51,8 +51,8 @@ def test_points() -> None:
     np.testing.assert_array_equal(points[0], [[-1, 0, 2], [0, 0, 2], [1, 0, 2]])
     np.testing.assert_array_equal(points[1, :2], [[-2, 2, 4], [0, 2, 4]])
     assert np.isnan(points[1, 2, 2])
-    centred = Calibration(focal=2, baseline=1).points(depth)
-    np.testing.assert_array_equal(centred[0, 1], [0, -0.5, 2])
+    centered = Calibration(focal=2, baseline=1).points(depth)
+    np.testing.assert_array_equal(centered[0, 1], [0, -0.5, 2])
 
 
 @pytest.mark.parametrize(
