@@ -249,8 +249,11 @@ class DeployedHourglass(nn.Module):
 
 
 def _halved(guide: Tensor | None) -> Tensor | None:
-    """The guide in the size of the volume halved."""
-    return None if guide is None else F.avg_pool2d(guide, 2, ceil_mode=True)
+    """The guide in the size of the volume halved; a window at an odd side's end repeats its last row or column.
+
+    `ceil_mode` would say the same, but `torch.export` cannot solve its guards for every size.
+    """
+    return None if guide is None else F.avg_pool2d(F.pad(guide, (0, 1, 0, 1), "replicate"), 2)
 
 
 def upsample_add(x: Tensor, coarse: Tensor) -> Tensor:
