@@ -44,7 +44,7 @@ def bounded(decompressor: Callable[[], Any]) -> Callable[..., bytes]:
         if len(result) > most:
             raise AnyNetError(f"expected blocks of at most {most} bytes; ANYNET_MAX_PIXELS raises the limit")
         if not block.eof or block.unused_data:
-            raise AnyNetError(f"expected one compressed block, got {len(data)} bytes of another length")
+            raise AnyNetError(f"expected one compressed block, got {len(data)} bytes that are not one")
         return result
 
     return decompress
@@ -55,7 +55,7 @@ def bound_rosbags() -> None:
     """Has `rosbags` decompress no more than `bounded` does; it has no option for that."""
     from bz2 import BZ2Decompressor
 
-    from lz4.frame import LZ4FrameDecompressor
+    from lz4.frame import LZ4FrameDecompressor  # rosbags depends on it, and on one of two zstd
     from rosbags.rosbag1 import reader as rosbag1
     from rosbags.rosbag2 import reader as rosbag2
     from rosbags.rosbag2 import storage_mcap
