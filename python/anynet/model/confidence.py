@@ -122,7 +122,7 @@ class ConfidenceModel:
         try:
             content = json.loads(text)
             models = [[torch.tensor(row, dtype=torch.float32) for row in content[name]] for name in _FIELDS]
-        except (ValueError, TypeError, KeyError, RuntimeError, RecursionError) as error:
+        except (ValueError, TypeError, KeyError, OverflowError, RuntimeError, RecursionError) as error:
             raise AnyNetError(f"{path}: not a confidence model: {one_line(error)}") from None
         for rows, more in zip(models, (1, 2), strict=True):
             expected = [evidence_count(stage, stage == stages) + more for stage in range(1, stages + 1)]
