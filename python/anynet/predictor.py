@@ -206,8 +206,8 @@ class Predictor:
             budget_ms = math.inf
         elif isinstance(budget_ms, bool) or not isinstance(budget_ms, (int, float)) or not budget_ms >= 0:
             raise AnyNetError(f"predict: expected budget_ms >= 0, got {budget_ms!r}")
-        else:
-            wait_passively()  # in time, beside other work
+        elif self.device.type == "cpu":
+            wait_passively()  # to be in time beside other work
         with inference(self.threads) as threads:
             latencies = self._latencies[frame.kind, threads]
             steps = frame.steps()
