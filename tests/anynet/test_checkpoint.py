@@ -4,6 +4,8 @@ import json
 import os
 import pickle
 import resource
+import subprocess
+import sys
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
@@ -48,6 +50,16 @@ def test_round_trip(tmp_path: Path) -> None:
     for name, tensor in model.state_dict().items():
         assert torch.equal(loaded.state_dict()[name], tensor), name
     assert load_metadata(path) == {"trained_on": ["a", "b"]}
+
+
+def test_loading_weights_does_not_wait_for_pytorchs_compiler() -> None:
+    names = sorted(file.stem for file in PACKAGED.glob("*.safetensors"))
+    code = (
+        f"import sys, anynet\nfor name in {names}: anynet.load_checkpoint(name)\nprint('torch._dynamo' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert names
+    assert done.stdout == "False\n"
 
 
 @pytest.mark.parametrize("name", sorted(file.stem for file in PACKAGED.glob("*.safetensors")))
