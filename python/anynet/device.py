@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import torch
+from torch import Tensor
 
 from anynet.errors import AnyNetError, one_line
 from anynet_ext import build_info
@@ -63,3 +64,21 @@ class DeviceClock:
         """Between two marks; waits for the second."""
         end.synchronize()
         return float(begin.elapsed_time(end)) / 1e3
+
+
+class HostCopy:
+    """A tensor's values on their way to the host, which does not wait for the device before it reads them."""
+
+    def __init__(self, tensor: Tensor) -> None:
+        self._copy = tensor.to("cpu", non_blocking=True)  # of a GPU's tensor, in pinned memory
+        self._there: torch.cuda.Event | None = None
+        if tensor.is_cuda:
+            self._there = torch.cuda.Event()  # type: ignore[no-untyped-call]
+            self._there.record(torch.cuda.current_stream(tensor.device))
+
+    def tolist(self) -> list[float]:
+        """As `Tensor.tolist`."""
+        if self._there is not None:
+            self._there.synchronize()
+        values: list[float] = self._copy.tolist()
+        return values
