@@ -10,6 +10,9 @@ from torch import Tensor
 from anynet.errors import AnyNetError, one_line
 from anynet_ext import build_info
 
+PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
+BFLOAT16 = 8, 0  # the first compute capability whose tensor cores know it
+
 
 def find_device(name: str) -> torch.device:
     """The device of that name.
@@ -35,6 +38,22 @@ def find_device(name: str) -> torch.device:
     if index >= count:
         raise AnyNetError(f"device {name!r}: expected one of the {count} GPUs here, cuda:0 to cuda:{count - 1}")
     return torch.device("cuda", index)
+
+
+def find_precision(name: str, device: torch.device) -> torch.dtype:
+    """The type of that name, "float32", "bfloat16" or "float16", for convolutions on that device.
+
+    Raises:
+        AnyNetError: if it is none of these, or the device does not compute in it.
+    """
+    if name not in PRECISIONS:
+        raise AnyNetError(f"expected precision 'float32', 'bfloat16' or 'float16', got {name!r}")
+    if name != "float32" and device.type == "cpu":
+        raise AnyNetError(f"precision {name!r} is for a GPU: expected 'float32' on the CPU")
+    if name == "bfloat16" and torch.cuda.get_device_capability(device) < BFLOAT16:
+        capability = ".".join(map(str, torch.cuda.get_device_capability(device)))
+        raise AnyNetError(f"precision 'bfloat16': expected compute capability 8.0 or newer, got {capability}")
+    return PRECISIONS[name]
 
 
 def _missing_for_cuda() -> str:

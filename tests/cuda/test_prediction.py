@@ -59,6 +59,18 @@ def test_equals_the_cpu(weights: str) -> None:
             assert (one.occluded != other.occluded).mean() < 1e-3
 
 
+@pytest.mark.parametrize("precision", ["bfloat16", "float16"])
+@pytest.mark.parametrize("weights", ["paper", "large"])
+def test_half_precision(weights: str, precision: str) -> None:
+    if precision == "bfloat16" and torch.cuda.get_device_capability() < (8, 0):
+        pytest.skip("needs compute capability 8.0")
+    half, cpu = Predictor(weights, device="cuda", precision=precision), Predictor(weights)
+    for seed in (0, 1):
+        images = pair(seed=seed)
+        for one, other in zip(half.stages(*images), cpu.stages(*images), strict=True):
+            assert np.abs(one.disparity - other.disparity).mean() < (0.1 if precision == "bfloat16" else 0.02)
+
+
 def test_repeats_bit_for_bit(predictor: Predictor) -> None:
     images = pair()
     first = predictor.predict(*images).disparity
