@@ -1,10 +1,10 @@
-"""Times every operator on the CPU against PyTorch eager, torch.compile and the limit of the machine.
+"""Times the operators on the CPU against PyTorch eager, torch.compile and the limit of the machine.
 
 python benchmarks/kernels.py [--threads 1 2] [--only NAME] [--json FILE]
 
 Eager and compiled are `anynet_ext.reference` (PyTorch's own batch norm), float32; all times are medians of one call, in
-milliseconds. Operators for inference have no backward pass. The limit is the larger of arithmetic / peak rate and bytes
-/ copy bandwidth, each input read and each output written once.
+milliseconds. Operators for inference have no backward pass; conv3x3 and conv3x3x3 are in conv.py. The limit is the
+larger of arithmetic / peak rate and bytes / copy bandwidth, each input read and each output written once.
 """
 
 from __future__ import annotations
