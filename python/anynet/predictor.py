@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from anynet.checkpoint import PACKAGED, find_weights, load_checkpoint
-from anynet.device import DeviceClock, find_device
+from anynet.device import DeviceClock, find_device, find_precision
 from anynet.errors import AnyNetError, one_line
 from anynet.frame import Frame, Image, check_images
 from anynet.model.confidence import ConfidenceModel
@@ -28,6 +28,7 @@ from anynet.model.graphs import GraphedAnyNet
 from anynet.samples import MAX_DISPARITY
 from anynet.scheduler import MAX_THREADS, LatencyTable
 from anynet.shutdown import computing
+from anynet_ext import wait_passively
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 
@@ -62,13 +63,14 @@ class Predictor:
         weights: the name of packaged weights, or a path (see `anynet.load_checkpoint`).
         device: "cpu"; "cuda", the current GPU; "cuda:1", that one; "auto", the first GPU if there is one, else the CPU.
             On a GPU, the first frame of a size takes longer: it captures CUDA graphs, which the others replay.
+        precision: in which type a GPU computes convolutions: "float32", "bfloat16" or "float16". The rest is float32.
         threads: CPU threads to compute on; default: as many as PyTorch uses.
         input_scale: resize the images by this factor first. Above 1 for finer disparity (2 takes four times as long),
             below 1 for images larger than the network was made for, with more than 192 pixels of disparity, or to save
             time. Default: what the weights say.
 
     Raises:
-        AnyNetError: if an argument is not that, or the weights or the device cannot be used.
+        AnyNetError: if an argument is not that, or the weights, the device or the precision cannot be used.
     """
 
     def __init__(
@@ -76,13 +78,15 @@ class Predictor:
         weights: str | os.PathLike[str] = "default",
         *,
         device: str = "cpu",
+        precision: str = "float32",
         threads: int | None = None,
         input_scale: float | None = None,
     ) -> None:
         if threads is not None and (type(threads) is not int or not 1 <= threads <= MAX_THREADS):
             raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
         self.device = find_device(device)
-        network = DeployedAnyNet(load_checkpoint(weights, input_scale))
+        dtype = find_precision(precision, self.device)
+        network = DeployedAnyNet(load_checkpoint(weights, input_scale), dtype)
         if input_scale is not None and network.config.reach < MAX_DISPARITY:
             reach = f"these weights find disparities below {network.config.reach:.0f} pixels then"
             warnings.warn(f"input_scale {input_scale:g}: {reach}", stacklevel=2)
@@ -205,6 +209,8 @@ class Predictor:
             budget_ms = math.inf
         elif isinstance(budget_ms, bool) or not isinstance(budget_ms, (int, float)) or not budget_ms >= 0:
             raise AnyNetError(f"predict: expected budget_ms >= 0, got {budget_ms!r}")
+        elif self.device.type == "cpu":
+            wait_passively()  # to be in time beside other work
         with inference(self.threads) as threads:
             latencies = self._latencies[frame.kind, threads]
             steps = frame.steps()
