@@ -302,12 +302,12 @@ def launches(call: Callable[[], object]) -> int:
 def measure_network(weights: str, until: float) -> None:
     """Milliseconds until each stage's disparity is there at the images' size, everything on the GPU."""
     from anynet import load_checkpoint
+    from anynet.device import PRECISIONS
     from anynet.model.deploy import DeployedAnyNet
     from anynet.model.graphs import GraphedAnyNet
 
     model = load_checkpoint(weights).cuda().eval()
-    network = DeployedAnyNet(model)
-    graphs = GraphedAnyNet(network)
+    networks = {name: DeployedAnyNet(model, dtype) for name, dtype in PRECISIONS.items()}
     stages = model.config.stages
     left, right = (torch.randint(0, 256, (*KITTI, 3), dtype=torch.uint8, device="cuda") for _ in range(2))
     print(f"\n{weights}, {KITTI[0]}x{KITTI[1]}\n")
@@ -331,8 +331,9 @@ def measure_network(weights: str, until: float) -> None:
 
     with torch.inference_mode():
         for batch in (1, 8):
-            row("ours", batch, "float32", pairs(graphs.stages, batch))
-            row("ours without graphs", batch, "float32", pairs(network.stages, batch))
+            for name, network in networks.items():
+                row("ours", batch, name, pairs(GraphedAnyNet(network).stages, batch))
+            row("ours without graphs", batch, "float32", pairs(networks["float32"].stages, batch))
     with torch.no_grad():
         for batch in (1, 8):
             images = [torch.randn(batch, 3, *KITTI, device="cuda") for _ in range(2)]

@@ -5,9 +5,13 @@ from __future__ import annotations
 import re
 
 import torch
+from torch import Tensor
 
 from anynet.errors import AnyNetError, one_line
 from anynet_ext import build_info
+
+PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
+BFLOAT16 = 8, 0  # the first compute capability whose tensor cores know it
 
 
 def find_device(name: str) -> torch.device:
@@ -21,7 +25,7 @@ def find_device(name: str) -> torch.device:
     """
     if not isinstance(name, str) or not re.fullmatch(r"cpu|auto|cuda(:\d+)?", name):
         raise AnyNetError(f"expected device 'cpu', 'cuda', 'cuda:N' or 'auto', got {name!r}")
-    missing = "" if name == "cpu" else _missing_for_cuda()
+    missing = "" if name == "cpu" else missing_for_cuda()
     if name == "cpu" or (name == "auto" and missing):
         return torch.device("cpu")
     if missing:
@@ -36,7 +40,23 @@ def find_device(name: str) -> torch.device:
     return torch.device("cuda", index)
 
 
-def _missing_for_cuda() -> str:
+def find_precision(name: str, device: torch.device) -> torch.dtype:
+    """The type of that name, "float32", "bfloat16" or "float16", for convolutions on that device.
+
+    Raises:
+        AnyNetError: if it is none of these, or the device does not compute in it.
+    """
+    if name not in PRECISIONS:
+        raise AnyNetError(f"expected precision 'float32', 'bfloat16' or 'float16', got {name!r}")
+    if name != "float32" and device.type == "cpu":
+        raise AnyNetError(f"precision {name!r} is for a GPU: expected 'float32' on the CPU")
+    if name == "bfloat16" and torch.cuda.get_device_capability(device) < BFLOAT16:
+        capability = ".".join(map(str, torch.cuda.get_device_capability(device)))
+        raise AnyNetError(f"precision 'bfloat16': expected compute capability 8.0 or newer, got {capability}")
+    return PRECISIONS[name]
+
+
+def missing_for_cuda() -> str:
     """What CUDA lacks here, and what to do about it; empty if nothing."""
     if torch.version.cuda is None:
         return f"PyTorch {torch.__version__} is a build without CUDA: install one with CUDA (pytorch.org)"
@@ -63,3 +83,21 @@ class DeviceClock:
         """Between two marks; waits for the second."""
         end.synchronize()
         return float(begin.elapsed_time(end)) / 1e3
+
+
+class HostCopy:
+    """A tensor's values on their way to the host, which does not wait for the device before it reads them."""
+
+    def __init__(self, tensor: Tensor) -> None:
+        self._copy = tensor.to("cpu", non_blocking=True)  # of a GPU's tensor, in pinned memory
+        self._there: torch.cuda.Event | None = None
+        if tensor.is_cuda:
+            self._there = torch.cuda.Event()  # type: ignore[no-untyped-call]
+            self._there.record(torch.cuda.current_stream(tensor.device))
+
+    def tolist(self) -> list[float]:
+        """As `Tensor.tolist`."""
+        if self._there is not None:
+            self._there.synchronize()
+        values: list[float] = self._copy.tolist()
+        return values

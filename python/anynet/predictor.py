@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from anynet.checkpoint import PACKAGED, find_weights, load_checkpoint
-from anynet.device import DeviceClock, find_device
+from anynet.device import DeviceClock, find_device, find_precision
 from anynet.errors import AnyNetError, one_line
 from anynet.frame import Frame, Image, check_images
 from anynet.model.confidence import ConfidenceModel
@@ -63,13 +63,14 @@ class Predictor:
         weights: the name of packaged weights, or a path (see `anynet.load_checkpoint`).
         device: "cpu"; "cuda", the current GPU; "cuda:1", that one; "auto", the first GPU if there is one, else the CPU.
             On a GPU, the first frame of a size takes longer: it captures CUDA graphs, which the others replay.
+        precision: in which type a GPU computes convolutions: "float32", "bfloat16" or "float16". The rest is float32.
         threads: CPU threads to compute on; default: as many as PyTorch uses.
         input_scale: resize the images by this factor first. Above 1 for finer disparity (2 takes four times as long),
             below 1 for images larger than the network was made for, with more than 192 pixels of disparity, or to save
             time. Default: what the weights say.
 
     Raises:
-        AnyNetError: if an argument is not that, or the weights or the device cannot be used.
+        AnyNetError: if an argument is not that, or the weights, the device or the precision cannot be used.
     """
 
     def __init__(
@@ -77,13 +78,15 @@ class Predictor:
         weights: str | os.PathLike[str] = "default",
         *,
         device: str = "cpu",
+        precision: str = "float32",
         threads: int | None = None,
         input_scale: float | None = None,
     ) -> None:
         if threads is not None and (type(threads) is not int or not 1 <= threads <= MAX_THREADS):
             raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
         self.device = find_device(device)
-        network = DeployedAnyNet(load_checkpoint(weights, input_scale))
+        dtype = find_precision(precision, self.device)
+        network = DeployedAnyNet(load_checkpoint(weights, input_scale), dtype)
         if input_scale is not None and network.config.reach < MAX_DISPARITY:
             reach = f"these weights find disparities below {network.config.reach:.0f} pixels then"
             warnings.warn(f"input_scale {input_scale:g}: {reach}", stacklevel=2)

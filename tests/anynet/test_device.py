@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from anynet import AnyNetError, Predictor, device
-from anynet.device import find_device
+from anynet.device import HostCopy, find_device, find_precision
 from anynet.model.deploy import DeployedAnyNet
 
 
@@ -44,6 +44,25 @@ def test_a_gpu_too_many(gpus: None) -> None:
 def test_other_names(name: str) -> None:
     with pytest.raises(AnyNetError, match=r"^expected device 'cpu', 'cuda', 'cuda:N' or 'auto', got "):
         find_device(name)
+
+
+def test_finds_a_precision(monkeypatch: pytest.MonkeyPatch) -> None:
+    gpu, cpu = torch.device("cuda:0"), torch.device("cpu")
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (7, 5))
+    for name, device_of in (("float32", cpu), ("float32", gpu), ("float16", gpu)):
+        assert find_precision(name, device_of) == getattr(torch, name)
+    with pytest.raises(AnyNetError, match=r"^precision 'bfloat16': expected compute capability 8.0 or newer, got 7.5$"):
+        find_precision("bfloat16", gpu)
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda _: (8, 7))
+    assert find_precision("bfloat16", gpu) == torch.bfloat16
+    with pytest.raises(AnyNetError, match=r"^precision 'float16' is for a GPU: expected 'float32' on the CPU$"):
+        Predictor(precision="float16")
+    with pytest.raises(AnyNetError, match=r"^expected precision 'float32', 'bfloat16' or 'float16', got 'half'$"):
+        find_precision("half", gpu)
+
+
+def test_a_copy_on_the_host_is_what_it_was_when_it_was_made() -> None:
+    assert HostCopy(torch.tensor([1.5, 2.5])).tolist() == [1.5, 2.5]
 
 
 def test_what_is_missing_is_told(gpus: None, monkeypatch: pytest.MonkeyPatch) -> None:

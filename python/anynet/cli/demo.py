@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.device import Device
+from anynet.cli.device import Device, Precision
 from anynet.cli.told import collected_warnings, tell_warnings
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
@@ -47,6 +47,7 @@ def demo(
         float | None, typer.Option(help="Work on the images resized by this factor.", show_default="the weights'")
     ] = None,
     device: Device = "cpu",
+    precision: Precision = "float32",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     view: Annotated[bool, typer.Option("--view", help="Then show the page of `anynet view` on the pair.")] = False,
 ) -> None:
@@ -72,7 +73,7 @@ def demo(
 
     from anynet import Predictor
 
-    predictor = Predictor(weights, device=device, threads=threads, input_scale=input_scale)
+    predictor = Predictor(weights, device=device, precision=precision, threads=threads, input_scale=input_scale)
     estimates, times = _run(predictor, prepare, sample)
     told += [*pair.warnings, *_truth_findings(sample, estimates[-1], truth)]
     tell_warnings(told)
@@ -83,7 +84,8 @@ def demo(
         from anynet.cli.view import show
         from anynet.view import StillPair
 
-        show(StillPair(sample.name, sample.left, sample.right), prepare, weights, input_scale, device, threads, out)
+        still = StillPair(sample.name, sample.left, sample.right)
+        show(still, prepare, weights, input_scale, device, precision, threads, out)
 
 
 def _motorcycle() -> tuple[StereoSample, Calibration]:

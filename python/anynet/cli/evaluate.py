@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.device import Device
+from anynet.cli.device import Device, Precision
 from anynet.cli.told import telling_warnings
 from anynet.cli.trust import LeftRight
 from anynet.errors import AnyNetError
@@ -80,6 +80,7 @@ def evaluate(
         bool, typer.Option("--splits", help="Each weights on its own data, in order: mean and deviation of the splits.")
     ] = False,
     device: Device = "cpu",
+    precision: Precision = "float32",
     threads: Annotated[
         int | None, typer.Option(help="CPU threads. Default: PyTorch's.", min=1, max=MAX_THREADS)
     ] = None,
@@ -116,14 +117,15 @@ def evaluate(
         regions = [choice.value for choice in region or [Region.all]]
         prepare, origin = _preparation(cameras, open_dataset(data[0]), input_scale)
         text, values = _confidence(
-            data, weights or ["default"], regions, device, threads, input_scale, left_right, prepare
+            data, weights or ["default"], regions, device, precision, threads, input_scale, left_right, prepare
         )
         _tell_results(text, values, out, "confidence")
         print(origin, end="")
         return
     methods: list[tuple[str, Method]] = []
     for name in weights or ([] if method or model else ["default"]):
-        methods.append((name, open_method(name, device=device, threads=threads, input_scale=input_scale)))
+        opened = open_method(name, device=device, precision=precision, threads=threads, input_scale=input_scale)
+        methods.append((name, opened))
     for name in model or []:
         random = BaselineModel(BaselineConfig(model=name, input_scale=input_scale or 1))
         methods.append((f"{name}, random weights", BaselinePredictor(random, threads=threads).stages))
@@ -208,6 +210,7 @@ def _confidence(
     weights: list[str],
     regions: list[str],
     device: str,
+    precision: str,
     threads: int | None,
     input_scale: float | None,
     left_right: bool,
@@ -219,7 +222,10 @@ def _confidence(
     from anynet.evaluation.confidence import evaluate_confidence, markdown, to_json
 
     results = {}
-    predictors = {name: Predictor(name, device=device, threads=threads, input_scale=input_scale) for name in weights}
+    predictors = {
+        name: Predictor(name, device=device, precision=precision, threads=threads, input_scale=input_scale)
+        for name in weights
+    }
     for spec in data:
         samples = open_dataset(spec)
         for name, predictor in predictors.items():

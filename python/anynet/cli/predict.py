@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.device import Device
+from anynet.cli.device import Device, Precision
 from anynet.cli.pairs import Pair, find_pairs, share_of
 from anynet.cli.results import DepthFormat, Format, Writer, file_ids
 from anynet.cli.told import collected_warnings, tell, tell_warnings
@@ -97,6 +97,7 @@ def predict(
     min_confidence: MinConfidence = 0.0,
     drop_occluded: DropOccluded = False,
     device: Device = "cpu",
+    precision: Precision = "float32",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per pair and line, for machines.")
@@ -132,7 +133,7 @@ def predict(
 
     from anynet import Predictor  # takes seconds, so after the cheap checks
 
-    predictor = Predictor(weights, device=device, threads=threads, input_scale=input_scale)
+    predictor = Predictor(weights, device=device, precision=precision, threads=threads, input_scale=input_scale)
     if stage is not None and stage > predictor.config.stages:
         raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
     tell_warnings(told)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.device import Device
+from anynet.cli.device import Device, Precision
 from anynet.cli.results import DepthFormat, Format, Writer, file_ids
 from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, named_topics, open_source, size_of
 from anynet.cli.stopping import stopping
@@ -98,6 +98,7 @@ def stream(
         bool, typer.Option("--view", help="Show the page of `anynet view` instead; its button saves into --out.")
     ] = False,
     device: Device = "cpu",
+    precision: Precision = "float32",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per frame and line, and a last one with a summary.")
@@ -138,12 +139,13 @@ def stream(
         prepare = cameras.preparation(calibration, input_scale)
         tell_warnings([*opened.warnings, *told])
         if view:
-            show(opened, prepare, weights, input_scale, device, threads, out or Path("anynet-view"), rate=rate)
+            saved = out or Path("anynet-view")
+            show(opened, prepare, weights, input_scale, device, precision, threads, saved, rate=rate)
             return
 
         from anynet import Predictor  # takes seconds, so after the cheap checks
 
-        predictor = Predictor(weights, device=device, threads=threads, input_scale=input_scale)
+        predictor = Predictor(weights, device=device, precision=precision, threads=threads, input_scale=input_scale)
         if stage is not None and stage > predictor.config.stages:
             raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
         running = Stream(

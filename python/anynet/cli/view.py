@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.device import Device
+from anynet.cli.device import Device, Precision
 from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, named_topics, open_source, size_of
 from anynet.cli.stopping import stopping
 from anynet.cli.told import collected_warnings, tell_warnings
@@ -41,6 +41,7 @@ def view(
     host: Host = "127.0.0.1",
     port: Port = 8080,
     device: Device = "cpu",
+    precision: Precision = "float32",
     threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
 ) -> None:
     """A page in the browser: images, confidence and cloud, and a slider for the time that a frame may take.
@@ -61,7 +62,7 @@ def view(
             calibration = cameras.of_source(Path(source), opened)
         prepare = cameras.preparation(calibration, input_scale)
         tell_warnings([*opened.warnings, *told])
-        show(opened, prepare, weights, input_scale, device, threads, out, host, port, rate)
+        show(opened, prepare, weights, input_scale, device, precision, threads, out, host, port, rate)
 
 
 def show(
@@ -70,6 +71,7 @@ def show(
     weights: str,
     input_scale: float | None,
     device: str,
+    precision: str,
     threads: int | None,
     out: Path,
     host: str = "127.0.0.1",
@@ -78,15 +80,15 @@ def show(
 ) -> None:
     """Serves the page until Ctrl-C or SIGTERM."""
     from anynet.checkpoint import PACKAGED, find_weights
-    from anynet.device import find_device
+    from anynet.device import find_device, find_precision
     from anynet.view import View
 
     find_weights(weights)  # a wrong name is told before the page is up
-    find_device(device)
+    find_precision(precision, find_device(device))
     names = [file.stem for file in sorted(PACKAGED.glob("*.safetensors"))]
     view = View(
         source, prepare=prepare, weights=list(dict.fromkeys([weights, *names])), input_scale=input_scale,
-        device=device, threads=threads, host=host, port=port, out=out, rate=rate,
+        device=device, precision=precision, threads=threads, host=host, port=port, out=out, rate=rate,
     )  # fmt: skip
 
     with stopping(view.stop):

@@ -15,6 +15,7 @@ def open_method(
     weights: str | os.PathLike[str],
     *,
     device: str = "cpu",
+    precision: str = "float32",
     threads: int | None = None,
     input_scale: float | None = None,
 ) -> Method:
@@ -22,7 +23,7 @@ def open_method(
 
     Args:
         weights: a packaged name or a file.
-        device: as `Predictor`'s; baselines compute on the CPU.
+        device, precision: as `Predictor`'s; baselines compute on the CPU.
         threads: CPU threads; default: as many as PyTorch uses.
         input_scale: as `Predictor`'s; a baseline has its own.
 
@@ -31,7 +32,8 @@ def open_method(
     """
     path = find_weights(weights)
     if stored_config(path) is None:
-        return Predictor(weights, device=device, threads=threads, input_scale=input_scale).stages
+        predictor = Predictor(weights, device=device, precision=precision, threads=threads, input_scale=input_scale)
+        return predictor.stages
     if device != "cpu":
         raise AnyNetError(f"{path}: expected device 'cpu' with a baseline's weights, got {device!r}")
     if input_scale is not None:

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from anynet.model.anynet import AnyNet
 from anynet.model.cost_volume import Distribution
+from anynet.model.layers import DeployedConvolution, DeployedPair
 
 _ops = torch.ops.anynet
 
@@ -51,10 +52,15 @@ class DeployedAnyNet(nn.Module):
     that replaces the estimate leaves a sum of one term.)
 
     `config.zoom` is the caller's: the images are taken as they are.
+
+    Args:
+        model: in eval mode.
+        precision: in which type its convolutions compute, but for those of fewer than 8 channels. Cost volumes,
+            disparities and all that lies between layers are float32.
     """
 
     @torch.no_grad()
-    def __init__(self, model: AnyNet) -> None:
+    def __init__(self, model: AnyNet, precision: torch.dtype = torch.float32) -> None:
         super().__init__()
         self.config = config = model.config
         self.features = model.features.deploy(config.enlargement, config.stride)
@@ -62,6 +68,10 @@ class DeployedAnyNet(nn.Module):
         self.residual_stages = nn.ModuleList(stage.deploy() for stage in model.residual_stages)  # type: ignore[operator]
         self.refinement = model.refinement.deploy()
         self.requires_grad_(False).eval()
+        if precision != torch.float32:
+            for part in self.modules():
+                if isinstance(part, (DeployedConvolution, DeployedPair)):
+                    part.in_precision(precision)
 
     def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
         """The first `stages` disparity maps (default: all), [H, W] each, of uint8 RGB images [H, W, 3]."""

@@ -16,6 +16,7 @@ from anynet_ext import batch_norm_relu, conv3x3, conv3x3x3, reference, resize
 _ops = torch.ops.anynet
 
 Affine = tuple[Tensor, Tensor]  # scale and shift per channel
+TENSOR_CORE = 8  # channels that a GPU's tensor cores take at a time
 
 
 class Convolution(nn.Module):
@@ -69,38 +70,64 @@ class DeployedConvolution(nn.Module):
         for name, value in (("weight", weight), ("bias", bias), ("scale", scale), ("shift", shift)):
             self.register_buffer(name, value)
         self._stride, self._relu_in, self._relu_out = stride, affine is not None, relu_out
-        self._few_channels = few_channels(weight)
+        self._ours = few_channels(weight)
 
     @property
     def plain(self) -> bool:
         """Of stride 1 and few channels, with nothing before it."""
-        return self._stride == 1 and self._few_channels and not self._relu_in
+        return self._stride == 1 and self._ours and not self._relu_in
+
+    def in_precision(self, dtype: torch.dtype) -> None:
+        """Computes in this half type from now on, by PyTorch; inputs and results stay float32.
+
+        Not with fewer than the eight channels that a GPU's tensor cores take at a time: those layers are cheap, and the
+        inputs or results of one channel are disparities or costs.
+        """
+        if min(self.weight.shape[:2]) >= TENSOR_CORE:
+            self._ours = False
+            self.to(dtype)
+            self.weight = self.weight.contiguous(memory_format=_channels_last(self.weight))
 
     def forward(self, x: Tensor) -> Tensor:
         own = self._buffers  # a small convolution takes no longer than four attributes of a module
         weight, bias, scale, shift = own["weight"], own["bias"], own["scale"], own["shift"]
         assert weight is not None
-        if not self._few_channels:
-            return reference.conv3x3(
-                x, weight, bias, stride=self._stride, scale=scale, shift=shift, relu_in=self._relu_in,
-                relu_out=self._relu_out,
+        if not self._ours:
+            half = weight.dtype != x.dtype
+            out = reference.conv3x3(
+                x.to(weight.dtype, memory_format=_channels_last(x)) if half else x, weight, bias, stride=self._stride,
+                scale=scale, shift=shift, relu_in=self._relu_in, relu_out=self._relu_out,
             )  # fmt: skip
+            return out.to(x.dtype, memory_format=torch.contiguous_format) if half else out
         op = _ops.conv3x3.default if weight.dim() == 4 else _ops.conv3x3x3.default
-        out: Tensor = op(x, weight, bias, scale, shift, self._stride, self._relu_in, self._relu_out)
-        return out
+        result: Tensor = op(x, weight, bias, scale, shift, self._stride, self._relu_in, self._relu_out)
+        return result
 
     __call__ = forward  # there are dozens of them in a frame, and none has hooks
 
 
+def _channels_last(x: Tensor) -> torch.memory_format:
+    """The layout that tensor cores take."""
+    return torch.channels_last if x.dim() == 4 else torch.channels_last_3d
+
+
 class DeployedPair(nn.Module):
-    """Two convolutions, one after the other, in one operator."""
+    """Two convolutions, one after the other, in one operator, as long as both are computed by ours."""
 
     def __init__(self, first: DeployedConvolution, second: DeployedConvolution) -> None:
         super().__init__()
         self.first, self.second = first, second
-        self._relu_out = second._relu_out
+        self._relu_out, self._ours = second._relu_out, True
+
+    def in_precision(self, dtype: torch.dtype) -> None:
+        """Both of them; see `DeployedConvolution.in_precision`."""
+        for layer in (self.first, self.second):
+            layer.in_precision(dtype)
+        self._ours = self.first._ours and self.second._ours
 
     def forward(self, x: Tensor) -> Tensor:
+        if not self._ours:
+            return self.second(self.first(x))
         first, second = self.first._buffers, self.second._buffers
         out: Tensor = _ops.conv_pair.default(
             x, first["weight"], first["bias"], second["weight"], second["bias"], self._relu_out
@@ -238,14 +265,11 @@ class DeployedHourglass(nn.Module):
 
     def __init__(self, layers: nn.ModuleList, affine: Affine) -> None:
         super().__init__()
-        self.layers = layers
-        self.scale: Tensor
-        self.shift: Tensor
-        for name, value in zip(("scale", "shift"), affine, strict=True):
-            self.register_buffer(name, value)
+        self.layers, self.add = layers, DeployedUpsampleAdd(affine)
 
     def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
-        return deployed_upsample_add(x, run(self.layers, x, _halved(guide)), (self.scale, self.shift))
+        out: Tensor = self.add(x, run(self.layers, x, _halved(guide)))
+        return out
 
 
 def _halved(guide: Tensor | None) -> Tensor | None:
@@ -265,12 +289,23 @@ def upsample_add(x: Tensor, coarse: Tensor) -> Tensor:
     return resize(planes, (depth, height * width), add=x.view(n, c, depth, -1)).view_as(x)
 
 
-def deployed_upsample_add(x: Tensor, coarse: Tensor, affine: Affine) -> Tensor:
+class DeployedUpsampleAdd(nn.Module):
     """relu(scale `upsample_add(x, coarse)` + shift)."""
-    if x.dim() == 4:
-        return deployed_upsample_add(x[:, :, None], coarse[:, :, None], affine)[:, :, 0]
-    out: Tensor = _ops.upsample_add.default(x, coarse, *affine)
-    return out
+
+    scale: Tensor
+    shift: Tensor
+
+    def __init__(self, affine: Affine) -> None:
+        super().__init__()
+        self.register_buffer("scale", affine[0])
+        self.register_buffer("shift", affine[1])
+
+    def forward(self, x: Tensor, coarse: Tensor) -> Tensor:
+        if x.dim() == 4:
+            out: Tensor = self(x[:, :, None], coarse[:, :, None])[:, :, 0]
+            return out
+        out = _ops.upsample_add.default(x, coarse, self.scale, self.shift)
+        return out
 
 
 def run(layers: Iterable[Callable[..., Tensor]], x: Tensor, guide: Tensor | None = None) -> Tensor:

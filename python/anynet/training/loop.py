@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 import math
@@ -10,18 +11,18 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 import filelock
 import torch
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from anynet.baselines.model import BaselineConfig, BaselineModel, load_baseline, stored_config
 from anynet.checkpoint import find_weights, load_checkpoint, load_partial, save_checkpoint
 from anynet.data import StereoSample, open_datasets
+from anynet.device import HostCopy
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
 from anynet.evaluation.methods import open_method
@@ -70,7 +71,7 @@ def train(
     if validation is None:
         validation = {name: open_datasets([name]) for name in recipe.validation}
     if not len(data):
-        raise AnyNetError("no pairs to train on")
+        raise AnyNetError("expected pairs to train on (data), got none")
     with process_group(recipe.device) as group, _locked(out) if group.is_main else nullcontext():
         if recipe.amp and group.device.type == "cpu" and group.is_main:
             warnings.warn("amp is for CUDA: on a CPU it saves no time", stacklevel=2)
@@ -118,6 +119,17 @@ def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
     return load_checkpoint(recipe.weights, recipe.input_scale)
 
 
+@dataclass(frozen=True)
+class _Step:
+    """A step that is on its way: its number, from 1, each stage's loss and the norm of the gradient, and times."""
+
+    number: int
+    values: HostCopy
+    learning_rate: float
+    seconds: float
+    waited: float
+
+
 class _Run:
     """A run at some step: model, optimizer and the running average of the weights are all its state."""
 
@@ -139,8 +151,7 @@ class _Run:
         weights = recipe.stage_weights_of(count, usual)
         self.stages = max(stage for stage, weight in enumerate(weights, 1) if weight > 0)
         self.stage_weights = torch.tensor(weights[: self.stages], device=group.device)
-        averaging = get_ema_multi_avg_fn(recipe.ema_decay)  # type: ignore[no-untyped-call]
-        self.average = AveragedModel(self.model, multi_avg_fn=averaging, use_buffers=True)
+        self.average = copy.deepcopy(self.model)
         self.parallel: nn.Module = self.model
         if group.world_size > 1:
             synchronize_batch_norm(self.model, group.device)
@@ -158,26 +169,35 @@ class _Run:
         path = self.out / LOG if self.group.is_main else None
         events = self.out / "tensorboard" if self.group.is_main and recipe.tensorboard else None
         with RunLog(path, self.step, self.steps, recipe.log_every, events) as log:
+            before = None
             while self.step < self.steps:
                 began = time.perf_counter()
                 batch = next(loader)
                 waited = time.perf_counter() - began
-                losses, grad_norm = self._update(batch)
+                values = HostCopy(self._update(batch))
+                if before is not None:
+                    self._tell(log, before)  # only now: a GPU is not to stand still meanwhile
                 learning_rate = self.optimizer.param_groups[0]["lr"]
-                log.step(self.step, losses, grad_norm, learning_rate, time.perf_counter() - began, waited)
-                if not self.group.is_main:
-                    continue
+                before = _Step(self.step, values, learning_rate, time.perf_counter() - began, waited)
                 last = self.step == self.steps
-                if last or self.step % recipe.checkpoint_every == 0:
+                saves = last or self.step % recipe.checkpoint_every == 0
+                validates = bool(self.validation) and (last or self.step % validate_every == 0)
+                if saves or validates:
+                    self._tell(log, before)  # which sees that it is sound
+                    before = None
+                if self.group.is_main and saves:
                     self._save()
-                if self.validation and (last or self.step % validate_every == 0):
+                if self.group.is_main and validates:
                     log.validation(self.step, self._validate())
             if self.group.is_main:
                 self._export()
         return self.out / WEIGHTS
 
-    def _update(self, batch: list[Tensor]) -> tuple[list[float], float]:
-        """One step of the optimizer; returns each stage's loss (pixels) and the norm of the gradient."""
+    def _update(self, batch: list[Tensor]) -> Tensor:
+        """One step of the optimizer; returns each stage's loss (pixels) and the norm of the gradient, on the device.
+
+        Unless they are all finite, the weights stay what they are. The host waits for nothing.
+        """
         recipe, group = self.recipe, self.group
         left, right, disparity, weights = (tensor.to(group.device, non_blocking=True) for tensor in batch)
         weights = loss_weights(disparity, weights)
@@ -187,25 +207,44 @@ class _Run:
         losses = stage_losses(outputs, disparity, weights, total, recipe.robust_scale)
         # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
         (group.world_size * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
-        values: list[float] = group.all_reduce_sum(losses.detach()).tolist()
-        for stage, value in enumerate(values, 1):
-            if not math.isfinite(value):
-                raise AnyNetError(
-                    f"the loss of stage {stage} became {value} at step {self.step + 1}: "
-                    f"resume from {self.out / CHECKPOINT} with other data, or begin again with a smaller learning rate"
-                )
-        grad_norm = float(
-            nn.utils.clip_grad_norm_(self.model.parameters(), recipe.max_grad_norm or math.inf, foreach=True)
-        )
-        if not math.isfinite(grad_norm):
-            raise AnyNetError(f"the gradient became {grad_norm} at step {self.step + 1}, the losses being {values}")
+        grad_norm = nn.utils.clip_grad_norm_(self.model.parameters(), recipe.max_grad_norm or math.inf, foreach=True)
+        values = torch.cat([group.all_reduce_sum(losses.detach()), grad_norm[None]])
         for parameters in self.optimizer.param_groups:
             parameters["lr"] = recipe.learning_rate_at(self.step, self.steps)
+        # By which a GradScaler tells an optimizer to change nothing.
+        self.optimizer.found_inf = values.isfinite().all().logical_not().float()  # type: ignore[attr-defined]
         self.optimizer.step()
         self.optimizer.zero_grad()
-        self.average.update_parameters(self.model)
+        self._move_average()
         self.step += 1
-        return values, grad_norm
+        return values
+
+    @torch.no_grad()
+    def _move_average(self) -> None:
+        """Towards the weights; the first step sets it. (PyTorch's AveragedModel has the host wait for a GPU.)"""
+        pairs = list(zip(self.average.state_dict().values(), self.model.state_dict().values(), strict=True))
+        averages, now = zip(*[pair for pair in pairs if pair[0].is_floating_point()], strict=True)
+        torch._foreach_lerp_(averages, now, 1 - self.recipe.ema_decay if self.step else 1.0)
+        for average, count in pairs:
+            if not average.is_floating_point():
+                average.copy_(count)
+
+    def _tell(self, log: RunLog, step: _Step) -> None:
+        """Logs the step, when it is there.
+
+        Raises:
+            AnyNetError: if its values are not finite.
+        """
+        *losses, grad_norm = step.values.tolist()
+        for stage, value in enumerate(losses, 1):
+            if not math.isfinite(value):
+                raise AnyNetError(
+                    f"the loss of stage {stage} became {value} at step {step.number}: "
+                    f"resume from {self.out / CHECKPOINT} with other data, or begin again with a smaller learning rate"
+                )
+        if not math.isfinite(grad_norm):
+            raise AnyNetError(f"the gradient became {grad_norm} at step {step.number}, the losses being {losses}")
+        log.step(step.number, losses, grad_norm, step.learning_rate, step.seconds, step.waited)
 
     def _save(self) -> None:
         state = {
@@ -235,7 +274,7 @@ class _Run:
         recipe = json.loads(self.recipe.to_json())
         save_checkpoint(
             self.out / WEIGHTS,
-            cast("AnyNet | BaselineModel", self.average.module),
+            self.average,
             {"recipe": recipe, "steps": self.step},
         )
 

@@ -52,7 +52,7 @@ class View:
         prepare: what is known of the cameras; without a calibration the cloud's shape is right and its size unknown.
         weights: to choose from, the first one chosen.
         input_scale: chosen at first.
-        device, threads: see `Predictor`.
+        device, precision, threads: see `Predictor`.
         host, port: see `Page`.
         out: folder of what "save" saves.
         rate: frames per second at which recordings are played, in place of their own pace.
@@ -69,6 +69,7 @@ class View:
         weights: Sequence[str] = ("default", "paper", "large", "kitti"),
         input_scale: float | None = None,
         device: str = "cpu",
+        precision: str = "float32",
         threads: int | None = None,
         host: str = "127.0.0.1",
         port: int = 8080,
@@ -77,7 +78,7 @@ class View:
     ) -> None:
         self._source = source
         self._prepare = prepare or PairPreparation(check=False)
-        self._device, self._threads = device, threads
+        self._device, self._precision, self._threads = device, precision, threads
         self._out = out
         self._rate = None if source.live else rate
         self._stopped = threading.Event()
@@ -170,7 +171,11 @@ class View:
         if key != self._key or self._predictor is None:
             self.page.tell(f"loading `{settings.weights}`")
             self._predictor = Predictor(
-                settings.weights, device=self._device, threads=self._threads, input_scale=settings.input_scale
+                settings.weights,
+                device=self._device,
+                precision=self._precision,
+                threads=self._threads,
+                input_scale=settings.input_scale,
             )
             self._key = key
         predictor = pair.predictor(self._predictor)

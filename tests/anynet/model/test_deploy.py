@@ -91,13 +91,17 @@ def as_cuda_kernels(func: Any) -> Callable[..., Tensor]:
     return operator
 
 
-def check_redirected(weights: str, mode: Redirected) -> None:
-    """On texture at a disparity of 6 pixels, which is where networks are sure of what they say."""
+def shifted_texture() -> tuple[Tensor, Tensor]:
+    """At a disparity of 6 pixels: where networks are sure of what they say."""
     random = torch.Generator().manual_seed(0)
     texture = torch.rand(1, 3, 16, 36, generator=random)
     scene = 255 * F.interpolate(texture, (48, 108), mode="bicubic").clamp(0, 1)[0].permute(1, 2, 0)
-    pair = tuple(scene[:, x : x + 96].to(torch.uint8).contiguous() for x in (0, 6))
-    network = DeployedAnyNet(load_checkpoint(weights))
+    left, right = (scene[:, x : x + 96].to(torch.uint8).contiguous() for x in (0, 6))
+    return left, right
+
+
+def check_redirected(weights: str, mode: Redirected) -> None:
+    network, pair = DeployedAnyNet(load_checkpoint(weights)), shifted_texture()
     with torch.inference_mode():
         expected = network(*pair)
         with mode:
@@ -109,6 +113,39 @@ def check_redirected(weights: str, mode: Redirected) -> None:
 @pytest.mark.parametrize("weights", [file.stem for file in sorted(PACKAGED.glob("*.safetensors"))])
 def test_its_operators_in_plain_pytorch_give_the_same(weights: str) -> None:
     check_redirected(weights, Redirected(reference.of))
+
+
+class HalfConvolutions(Redirected):
+    """Counts PyTorch's convolutions in half precision, and sees that nothing else is given anything but float32."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda func: func)
+        self.convolutions = 0
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        dtypes = {leaf.dtype for leaf in torch.utils._pytree.tree_leaves([args, kwargs]) if isinstance(leaf, Tensor)}
+        if func.namespace == "anynet":
+            assert dtypes <= {torch.float32, torch.uint8}, func
+        elif func._opname in ("conv2d", "conv3d"):
+            assert dtypes in ({torch.bfloat16}, {torch.float16})
+            self.convolutions += 1
+        return super().__torch_dispatch__(func, types, args, kwargs)
+
+
+@pytest.mark.parametrize("precision", [torch.bfloat16, torch.float16])
+@pytest.mark.parametrize(("weights", "convolutions"), [("paper", 8), ("default", 35)])
+def test_half_precision_moves_disparities_by_hundredths_of_pixels(
+    weights: str, convolutions: int, precision: torch.dtype
+) -> None:
+    model, pair = load_checkpoint(weights), shifted_texture()
+    with torch.inference_mode():
+        expected = DeployedAnyNet(model)(*pair)
+        with HalfConvolutions() as mode:
+            found = DeployedAnyNet(model, precision)(*pair)
+    assert mode.convolutions == convolutions
+    for one, other in zip(found, expected, strict=True):
+        assert one.dtype == torch.float32
+        assert 0 < (one - other).abs().mean() < (0.1 if precision == torch.bfloat16 else 0.02)
 
 
 @pytest.mark.slow

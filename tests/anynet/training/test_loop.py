@@ -6,14 +6,19 @@ import io
 import os
 import signal
 import time
+from contextlib import nullcontext
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from planes import RECIPE, Planes, finish, log_lines, start
 from safetensors.torch import load_file
+from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
 
 from anynet import cli
 from anynet.checkpoint import load_checkpoint
@@ -21,6 +26,8 @@ from anynet.errors import AnyNetError
 from anynet.model.anynet import AnyNet
 from anynet.model.config import AnyNetConfig, FirstStageConfig
 from anynet.training import loop
+from anynet.training.batches import batches
+from anynet.training.distributed import Processes
 from anynet.training.loop import CHECKPOINT, LOG, WEIGHTS, train
 
 
@@ -67,6 +74,97 @@ def test_a_loss_that_is_not_finite_stops_the_run(tmp_path: Path, monkeypatch: py
     state = torch.load(tmp_path / CHECKPOINT, weights_only=True)
     assert state["step"] == 4
     assert all(tensor.isfinite().all() for tensor in state["model"].values())
+
+
+def begun(out: Path, device: str = "cpu", **options: Any) -> tuple[loop._Run, list[Tensor]]:
+    """A run of small batches, and the first of them."""
+    recipe, group = replace(RECIPE, batch_size=2, **options), Processes(0, 1, torch.device(device))
+    batch = next(batches(Planes(10), recipe, range(1), Processes(0, 1, torch.device("cpu"))))
+    return loop._Run(recipe, out, Planes(10), {}, group), batch
+
+
+@pytest.mark.parametrize("spoiled", ["loss", "gradient"])
+def test_a_step_that_is_not_finite_changes_nothing(tmp_path: Path, spoiled: str) -> None:
+    run, batch = begun(tmp_path)
+    run._update(batch)
+
+    def state() -> list[Tensor]:
+        moments = [value.clone() for each in run.optimizer.state.values() for value in each.values()]
+        return [parameter.detach().clone() for parameter in run.model.parameters()] + moments
+
+    before = state()
+    weight = next(run.model.parameters())
+    hook = weight.register_hook(lambda gradient: gradient * torch.inf)
+    left, right, disparity, weights = batch
+    if spoiled == "loss":
+        weights = weights.clone()
+        weights[0, 0, 60, 60] = torch.nan
+    *losses, grad_norm = run._update([left, right, disparity, weights]).tolist()
+    assert all(np.isfinite(losses)) == (spoiled == "gradient")
+    assert not np.isfinite(grad_norm)
+    assert all(torch.equal(one, other) for one, other in zip(state(), before, strict=True))
+    hook.remove()
+    assert run._update(batch).isfinite().all()
+    assert not any(torch.equal(one, other) for one, other in zip(state(), before, strict=True))
+
+
+class HostWaits(TorchDispatchMode):
+    """Notes what would have the host wait for a GPU: operators that read a value, and copies from device to device."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.operators: list[str] = []
+        self.copies = 0
+
+    def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        out = func(*args, **(kwargs or {}))
+        leaves = torch.utils._pytree.tree_leaves([args, kwargs, out])
+        devices = {leaf.device for leaf in leaves if isinstance(leaf, Tensor)}
+        if len(devices) > 1 and (kwargs or {}).get("non_blocking"):
+            self.copies += 1
+        elif len(devices) > 1 or func._opname in ("_local_scalar_dense", "is_nonzero", "nonzero", "masked_select"):
+            self.operators.append(str(func))
+        return out
+
+
+@pytest.mark.parametrize("amp", [False, True])
+def test_a_step_reads_no_value(tmp_path: Path, amp: bool) -> None:
+    run, batch = begun(tmp_path, amp=amp, ema_decay=0.9)
+    with HostWaits() as waits:
+        for _ in range(2):
+            values = run._update(batch)
+    assert waits.operators == []
+    with waits:
+        values[0].item()
+    assert waits.operators == ["aten._local_scalar_dense.default"]
+
+
+def test_only_the_batch_goes_from_the_host_to_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The device is `meta`, which has no values to read, and of which PyTorch's optimizers know nothing."""
+    for module, kind in (("torch.utils._foreach_utils", "foreach"), ("torch.optim.optimizer", "fused")):
+        monkeypatch.setattr(import_module(module), f"_get_{kind}_kernels_supported_devices", lambda: ["meta"])
+    monkeypatch.setattr(torch, "autocast", lambda *_, **__: nullcontext())
+    monkeypatch.setattr(torch, "is_autocast_enabled", lambda _: False)
+    run, batch = begun(tmp_path, "meta", ema_decay=0.9)
+    with HostWaits() as waits:
+        for _ in range(2):
+            assert run._update(batch).is_meta
+    assert waits.operators == []
+    assert waits.copies == 2 * len(batch)
+
+
+def test_the_average_is_exponential_and_begins_with_the_first_step(tmp_path: Path) -> None:
+    run, batch = begun(tmp_path, ema_decay=0.75)
+    expected: dict[str, Tensor] = {}
+    for _ in range(3):
+        run._update(batch)
+        now = run.model.state_dict()
+        expected = {name: value + 0.75 * (expected.get(name, value) - value) for name, value in now.items()}
+    for name, value in run.average.state_dict().items():
+        if value.is_floating_point():
+            torch.testing.assert_close(value, expected[name], msg=name)
+        else:
+            assert value == 3, name
 
 
 def test_two_processes_do_not_train_in_one_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
