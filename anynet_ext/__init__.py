@@ -15,7 +15,7 @@ from anynet_ext._candidates import candidate_costs, expected_disparity
 from anynet_ext._conv import conv3x3, conv3x3x3, conv_pair
 from anynet_ext._convex_upsampling import convex_upsampling
 from anynet_ext._cost_volume import cost_volume, cost_volume_affine_relu
-from anynet_ext._library import build_info
+from anynet_ext._library import build_info, wait_passively
 from anynet_ext._max_pool import max_pool
 from anynet_ext._occlusion import fill_occlusions
 from anynet_ext._read_image import read_image
@@ -49,5 +49,6 @@ __all__ = [
     "upsample_add",
     "upsample_concat",
     "upsample_sum",
+    "wait_passively",
     "warp",
 ]

@@ -15,7 +15,9 @@ from anynet_ext._register import overridable, register, register_inference
 def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, first: int = 0, last: int = 0) -> Tensor:
     """L1 matching cost of each left pixel at disparities around a map:
 
-      out[n,k,y,x] = sum_c | left[n,c,y,x] - right[n,c,y, x - disparity[n,0,y,x] - (first + k)] |,  k = 0 .. last-first
+        out[n,k,y,x] = sum_c | left[n,c,y,x] - right[n,c,y, x - disparity[n,0,y,x] - (first + k)] |
+
+    for k from 0 to last - first.
 
     right is sampled as by `warp`: linear between pixels, exact at integer positions, 0 outside the image; NaN where
     disparity is NaN. The derivative of |.| at 0 is 0.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,17 @@ def _load_cuda() -> str:
 
 
 _CUDA = _load_cuda()
+
+
+@cache
+def wait_passively() -> None:
+    """From now on, this process's OpenMP threads sleep soon after they ran out of work, instead of spinning for
+    milliseconds: beside other work they would take the cores from it, and then wait for them.
+
+    For GCC's OpenMP, which PyTorch brings along. `OMP_WAIT_POLICY` and `GOMP_SPINCOUNT` come before it. It takes one
+    more thread than there are processors, which sleep for ever.
+    """
+    _C.anynet_wait_passively()
 
 
 def build_info() -> dict[str, Any]:

@@ -125,7 +125,7 @@ def main() -> int:
     if waiting:
         import ray
 
-        ray.init(ignore_reinit_error=True)
+        ray.init(include_dashboard=False)
         results = ray.data.from_items(waiting, override_num_blocks=-(-len(waiting) // options.batch)).map_batches(
             Actor,
             fn_constructor_args=(options,),

@@ -8,7 +8,7 @@
 PYBIND11_MODULE(_kernels, m) {
   m.doc() = "AnyNet's CPU kernels on NumPy arrays, one instruction set at a time.";
   pybind11::enum_<anynet::Isa>(m, "Isa")
-      .value("baseline", anynet::Isa::baseline)
+      .value(anynet::isa_name(anynet::Isa::baseline), anynet::Isa::baseline)
       .value("avx2", anynet::Isa::avx2)
       .value("avx512", anynet::Isa::avx512);
   m.def("isa_available", &anynet::isa_available);

@@ -25,7 +25,11 @@ ANYNET_EXPORT const char* anynet_isa_error() {
 ANYNET_EXPORT const char* anynet_isa() { return anynet::isa_name(anynet::chosen_isa()); }
 
 /// Names of the instruction sets built into this library, separated by spaces.
-ANYNET_EXPORT const char* anynet_isa_built() { return "baseline" ANYNET_IF_AVX2(" avx2") ANYNET_IF_AVX512(" avx512"); }
+ANYNET_EXPORT const char* anynet_isa_built() {
+  static const std::string names =
+      anynet::isa_name(anynet::Isa::baseline) + std::string("" ANYNET_IF_AVX2(" avx2") ANYNET_IF_AVX512(" avx512"));
+  return names.c_str();
+}
 
 ANYNET_EXPORT const char* anynet_build_config() { return ANYNET_BUILD_CONFIG; }
 }

@@ -25,7 +25,7 @@ def find_device(name: str) -> torch.device:
     """
     if not isinstance(name, str) or not re.fullmatch(r"cpu|auto|cuda(:\d+)?", name):
         raise AnyNetError(f"expected device 'cpu', 'cuda', 'cuda:N' or 'auto', got {name!r}")
-    missing = "" if name == "cpu" else _missing_for_cuda()
+    missing = "" if name == "cpu" else missing_for_cuda()
     if name == "cpu" or (name == "auto" and missing):
         return torch.device("cpu")
     if missing:
@@ -56,7 +56,7 @@ def find_precision(name: str, device: torch.device) -> torch.dtype:
     return PRECISIONS[name]
 
 
-def _missing_for_cuda() -> str:
+def missing_for_cuda() -> str:
     """What CUDA lacks here, and what to do about it; empty if nothing."""
     if torch.version.cuda is None:
         return f"PyTorch {torch.__version__} is a build without CUDA: install one with CUDA (pytorch.org)"

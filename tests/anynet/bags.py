@@ -13,11 +13,15 @@ START = 1_700_000_000_000_000_000
 
 
 class BagWriter:
-    """Writes one bag: `.bag` (ROS 1), `.mcap`, or a folder (ROS 2)."""
+    """Writes one bag: `.bag` (ROS 1), `.mcap`, or a folder (ROS 2).
 
-    def __init__(self, path: Path) -> None:
+    Args:
+        compression: bz2 or lz4 of a `.bag`, storage of `.mcap`, message or file of a folder.
+    """
+
+    def __init__(self, path: Path, compression: str = "") -> None:
         from rosbags.rosbag1 import Writer as Writer1
-        from rosbags.rosbag2 import StoragePlugin
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
         from rosbags.rosbag2 import Writer as Writer2
         from rosbags.typesys import Stores, get_typestore
 
@@ -27,6 +31,10 @@ class BagWriter:
         self.folder = path.with_name(path.name + ".folder") if path.suffix == ".mcap" else path
         plugin = StoragePlugin.MCAP if path.suffix == ".mcap" else StoragePlugin.SQLITE3
         self.writer: Any = Writer1(path) if self.ros == 1 else Writer2(self.folder, version=9, storage_plugin=plugin)
+        if compression and self.ros == 1:
+            self.writer.set_compression(Writer1.CompressionFormat[compression.upper()])
+        elif compression:
+            self.writer.set_compression(CompressionMode[compression.upper()], CompressionFormat.ZSTD)
         self.topics: dict[str, Any] = {}
 
     def __enter__(self) -> BagWriter:

@@ -18,6 +18,8 @@ parquet = pytest.importorskip("pyarrow.parquet")
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "ray_predict.py"
 PAIRS = 24
+# For a machine that others keep busy: workers are no "nicer" than the rest, and the head may take its time.
+PATIENCE = {"RAY_worker_niceness": "0", "RAY_gcs_server_port_wait_time_s": "300"}
 
 
 @pytest.fixture
@@ -36,7 +38,7 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
 def start(*arguments: object) -> subprocess.Popen[str]:
     path = os.pathsep.join(p for p in sys.path if p)
     command = [sys.executable, str(EXAMPLE), *map(str, arguments), "--actors", "2", "--batch", "1"]
-    environment = {**os.environ, "PYTHONPATH": path, "RAY_DATA_DISABLE_PROGRESS_BARS": "1"}
+    environment = {**os.environ, **PATIENCE, "PYTHONPATH": path, "RAY_DATA_DISABLE_PROGRESS_BARS": "1"}
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
@@ -54,7 +56,7 @@ def test_a_killed_worker_a_bad_pair_and_going_on(folders: tuple[Path, Path], tmp
     told, errors = process.communicate()
     assert process.returncode == 2, errors
     assert told.splitlines()[0] == f"{PAIRS + 1} pairs, {PAIRS + 1} to do"
-    assert told.splitlines()[-1] == f"{PAIRS} done, 1 failed"
+    assert f"{PAIRS} done, 1 failed" in told.splitlines()  # Ray writes there, too
     assert "ray_predict: bad: " in errors
     predictor = Predictor(threads=1)
     for i in range(PAIRS):

@@ -308,17 +308,19 @@ def vins_cameras() -> dict[str, bytes]:
 
 
 def recording(ending: str) -> Corpus:
-    """Two pairs of images, of both kinds of message, with camera_info."""
-    return lambda: [_recording(ending, compressed) for compressed in (False, True)]
+    """Two pairs of images, of both kinds of message, with camera_info; and in compressed blocks."""
+    blocks = {".bag": ["bz2", "lz4"], ".mcap": ["storage"]}.get(ending, [])
+    kinds = [(False, ""), (True, ""), *((False, compression) for compression in blocks)]
+    return lambda: [_recording(ending, compressed, compression) for compressed, compression in kinds]
 
 
 @cache
-def _recording(ending: str, compressed: bool) -> bytes:
+def _recording(ending: str, compressed: bool, compression: str) -> bytes:
     from bags import START, BagWriter
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"one{ending if ending != '.db3' else ''}"
-        with BagWriter(path) as bag:
+        with BagWriter(path, compression) as bag:
             for side, along in (("left", 0.0), ("right", -48.0)):
                 matrix = np.array([[480, 0, 8, along], [0, 480, 4, 0], [0, 0, 1, 0]])
                 bag.camera_info(f"/{side}/camera_info", (17, 12), matrix[:, :3], 5 * [0.0], np.eye(3), matrix)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from random import Random
 from typing import Any
@@ -21,6 +21,7 @@ SHAPES = {
     "conv3x3x3": "NCDHW KC333 K C C",
     "conv3x3x3_backward_input": "NKDHW KC333 NCDHW",
     "conv3x3x3_backward_weight": "NKDHW NCDHW C C",
+    "conv_pair": "NCHW KC33 K DK33 D",
     "convex_upsampling": "N1HW N(32)HW",
     "cost_volume": "NCHW NCHW N1HW",
     "cost_volume_affine_relu": "NCHW NCHW N1HW 1 1",
@@ -50,20 +51,25 @@ _SMALL = [-3, -1, 0, 1, 2, 3, 4, 7]
 
 def call(key: str) -> bool:
     """Makes the call of a key; whether it was accepted."""
+    random = Random(key)
+    return accepted(*random.choice(operators()), random, spoilt=(0, 0, 1, 1, 1, 2, 3))
+
+
+def accepted(name: str, schema: Any, operator: Callable[..., Any], random: Random, spoilt: Sequence[int]) -> bool:
+    """Whether an operator accepts arguments of which one of so many numbers are spoilt."""
     import torch
 
-    random = Random(key)
-    name, schema, operator = random.choice(operators())
     torch.default_generator.manual_seed(random.randrange(2**32))  # torch.manual_seed is slow: it tells every device
     torch.set_num_threads(random.choice((1, 1, 2, 3)))
     sizes = {letter: random.choice((1, 1, 2, 3, 4, 5, 8, 17)) for letter in "NCDHWK"}
     if random.random() < 0.1:
         sizes[random.choice("NCDHWK")] = random.choice((0, 0, 33, 70))
-    sizes |= {"h": max(1, sizes["H"] // 2), "w": max(1, sizes["W"] // 2)}
+    sizes |= {"h": max(1, sizes["H"] // 2), "w": max(1, sizes["W"] // 2), "maps": random.choice((1, 1, 2, 5))}
+    sizes["first"] = random.choice((-2, 0, 1))
     dtype = random.choice((torch.float32, torch.float32, torch.float64, torch.bfloat16, torch.float16))
-    shapes = iter(SHAPES.get(name, "NCHW NCHW N1HW C").split())
+    shapes = iter(SHAPES[name].split())
     arguments = [_argument(name, one, shapes, sizes, dtype, random) for one in schema.arguments]
-    for _ in range(random.choice((0, 0, 1, 1, 1, 2, 3))):
+    for _ in range(random.choice(spoilt)):
         place = random.randrange(len(arguments))
         arguments[place] = _spoilt(arguments[place], random)
     try:
@@ -90,7 +96,7 @@ def _argument(name: str, argument: Any, shapes: Any, sizes: dict[str, int], dtyp
     if "Tensor" in kind:
         shape = _shape(next(shapes, "NCHW"), sizes)
         if kind.startswith("List"):
-            return [_tensor(shape, dtype, random) for _ in range(random.choice((1, 1, 2, 5)))]
+            return [_tensor(shape, dtype, random) for _ in range(sizes["maps"])]
         if kind.startswith("Optional") and random.random() < 0.4:
             return None
         if name in _IMAGES:
@@ -100,14 +106,20 @@ def _argument(name: str, argument: Any, shapes: Any, sizes: dict[str, int], dtyp
         return _tensor(shape, dtype, random)
     if kind.startswith("List"):
         if argument.name == "ratios":
-            return [1]
+            return [*(random.choice((1, 1, 2, 4)) for _ in range(sizes["maps"] - 1)), 1]
+        if argument.name == "gains":
+            return [random.choice((1.0, 0.5)) for _ in range(random.choice((0, sizes["maps"])))]
         return [sizes[letter] for letter in ("NCDHW" if "x3x3" in name else "NCHW")]
+    if argument.name == "side":
+        return random.choice((0.0, 0.25, 0.5))
     if kind == "float":
         return random.choice((1.0, 1.0, 0.5, 2.0, 1e-5))
     if kind == "bool":
         return random.random() < 0.5
     known = {"height": sizes["H"], "width": sizes["W"], "direction": random.randrange(4), "multiple": 4, "groups": 1}
-    known |= {"first": random.choice((-2, 0, 1)), "last": random.choice((1, 2, 11)), "stride": 1, "block": 1}
+    known |= {"first": sizes["first"], "last": random.choice((1, 2, 11)), "stride": 1, "block": 1}
+    if name == "cost_volume_backward":
+        known["last"] = sizes["first"] + sizes["D"] - 1
     return known.get(argument.name, random.choice((1, 2)))
 
 

@@ -167,8 +167,9 @@ class _Worker:
             now = time.monotonic()
             if self.progress.begun != begun:
                 begun, changed = self.progress.begun, now
-                start = start or now
-            self.seconds = now - (start or now)  # not those of starting
+            if start is None and self.progress.ended:
+                start = now
+            self.seconds = now - (start or now)  # not those of starting, nor of the first input, which imports
             self.stopped = self.seconds >= seconds
             if self.stopped or now - changed > _STUCK:
                 self.process.kill()

@@ -5,10 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
+from random import Random
 
 import corpus
+import operators
 import pytest
+import torch
 from mutations import mutated
 from run import FINE, fuzz
 from targets import TARGETS, Reader
@@ -45,6 +49,19 @@ def test_the_corpus_is_sound(tmp_path: Path, name: str) -> None:
         else:
             outcomes.append("")
     assert "" in outcomes or name == "checkpoint-tar", outcomes  # the authors' weights are not ours to make
+
+
+def test_every_operator_is_called_with_tensors_that_it_takes() -> None:
+    threads = torch.get_num_threads()  # which the calls change
+    accepted = Counter(
+        one[0]
+        for one in operators.operators()
+        for number in range(40)
+        if operators.accepted(*one, Random(f"{one[0]} {number}"), spoilt=(0,))
+    )
+    torch.set_num_threads(threads)
+    assert accepted.keys() == operators.SHAPES.keys()
+    assert min(accepted.values()) > 3, accepted
 
 
 def test_inputs_can_be_made_again() -> None:

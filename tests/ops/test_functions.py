@@ -42,7 +42,7 @@ def test_all_functions_can_be_overridden() -> None:
     own = X.as_subclass(Own)
     for name in anynet_ext.__all__:
         function = getattr(anynet_ext, name)
-        if name not in ("build_info", "reference"):
+        if name not in ("build_info", "reference", "wait_passively"):
             parameters = inspect.signature(function).parameters.values()
             needed = [p for p in parameters if p.default is p.empty and p.kind is not p.KEYWORD_ONLY]
             assert function(*[own for _ in needed]) is function

@@ -24,6 +24,43 @@ assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 assert torch.ops.anynet.cost_volume(left, left, None, 0, 11).numpy().tobytes() == expected
 """
 
+IDLE = """
+import time, torch, anynet_ext
+torch.set_num_threads(2)
+left = torch.randn(1, 16, 64, 256)
+
+def processor_time_while_idle():
+    total = 0.0
+    for _ in range(20):
+        torch.ops.anynet.cost_volume(left, left, None, 0, 11)
+        before = time.process_time()
+        time.sleep(0.03)
+        total += time.process_time() - before
+    return total
+
+spinning = processor_time_while_idle()
+anynet_ext.wait_passively()
+time.sleep(0.1)
+print(spinning, processor_time_while_idle())
+"""
+
+
+@pytest.mark.skipif("no OpenMP" in anynet_ext.build_info()["config"], reason="has no other threads")
+def test_threads_wait_asleep_if_told() -> None:
+    if "libgomp" not in Path("/proc/self/maps").read_text() or len(os.sched_getaffinity(0)) < 2:
+        pytest.skip("only GCC's OpenMP spins, and only where each of two threads has a processor")
+    source = Path(anynet_ext.__file__).parents[1]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith(("OMP_", "GOMP_"))}
+    done = subprocess.run(
+        [sys.executable, "-c", IDLE],
+        env={**environment, "PYTHONPATH": str(source)},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    spinning, asleep = map(float, done.stdout.split())
+    assert asleep < spinning / 3
+
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_a_forked_process_does_not_wait_for_threads_that_it_lacks() -> None:

@@ -36,7 +36,11 @@ const char* isa_name(Isa isa) {
     case Isa::avx2:
       return "avx2";
     default:
+#ifdef __aarch64__
+      return "neon";
+#else
       return "baseline";
+#endif
   }
 }
 

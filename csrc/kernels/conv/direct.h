@@ -15,10 +15,18 @@
 #include "../common/vector.h"
 #include "conv.h"
 
+#if defined(__aarch64__)
+#include <arm_neon.h>
+#endif
+
 namespace anynet::ANYNET_ISA {
 namespace {
 
-constexpr int registers = vector_bytes == 64 ? 32 : 16;
+#if defined(__AVX512F__) || defined(__aarch64__)
+constexpr int registers = 32;
+#else
+constexpr int registers = 16;
+#endif
 constexpr int max_channels = registers / 4;  // of a block
 
 template <class T>
@@ -32,6 +40,53 @@ ANYNET_INLINE void read_after(const T*& p, vec<T>& v) {
 #elif defined(__aarch64__)
   asm("" : "+r"(p), "+w"(v));
 #endif
+}
+
+#if defined(__aarch64__)
+/// sum + a * b[lane]
+template <int lane>
+ANYNET_INLINE vec<float> add_product(vec<float> sum, vec<float> a, vec<float> b) {
+  return reinterpret_cast<vec<float>>(vfmaq_laneq_f32(
+      reinterpret_cast<float32x4_t>(sum), reinterpret_cast<float32x4_t>(a), reinterpret_cast<float32x4_t>(b), lane));
+}
+template <int lane>
+ANYNET_INLINE vec<double> add_product(vec<double> sum, vec<double> a, vec<double> b) {
+  return reinterpret_cast<vec<double>>(vfmaq_laneq_f64(
+      reinterpret_cast<float64x2_t>(sum), reinterpret_cast<float64x2_t>(a), reinterpret_cast<float64x2_t>(b), lane));
+}
+
+template <class T, int CO, int V, int... O>
+ANYNET_INLINE void add_products_by_lane(vec<T> (&sum)[CO][V], const T*& weight, int64_t at, const vec<T> (&pixels)[V],
+                                        std::integer_sequence<int, O...>) {
+  constexpr int L = lanes<T>;
+  vec<T> weights[CO / L];
+#pragma GCC unroll 8
+  for (int k = 0; k < CO / L; ++k) weights[k] = load(weight + at + k * L);
+  const auto add = [&](auto o) __attribute__((always_inline)) {
+#pragma GCC unroll 8
+    for (int v = 0; v < V; ++v) sum[o()][v] = add_product<o() % L>(sum[o()][v], pixels[v], weights[o() / L]);
+  };
+  (add(Constant<O>{}), ...);
+  read_after(weight, sum[CO - 1][V - 1]);
+}
+#endif
+
+/// sum[o][v] += weight[at + o] * pixels[v]
+template <class T, int CO, int V>
+ANYNET_INLINE void add_products(vec<T> (&sum)[CO][V], const T*& weight, int64_t at, const vec<T> (&pixels)[V]) {
+#if defined(__aarch64__)
+  // A lane of a register is an operand of its own; a vector of one weight would need an instruction of the same ports.
+  if constexpr (CO % lanes<T> == 0) {
+    return add_products_by_lane<T>(sum, weight, at, pixels, std::make_integer_sequence<int, CO>{});
+  }
+#endif
+#pragma GCC unroll 8
+  for (int o = 0; o < CO; ++o) {
+    const vec<T> wo = splat(weight[at + o]);
+#pragma GCC unroll 8
+    for (int v = 0; v < V; ++v) sum[o][v] += wo * pixels[v];
+    read_after(weight, sum[o][V - 1]);
+  }
 }
 
 /// How many vectors of so many columns cover a row, the last one moved back to end where the row ends.
@@ -260,13 +315,7 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
 #pragma GCC unroll 8
           for (int r = 0; r < R; ++r) {
             if (r > i || r + 2 < i) continue;
-#pragma GCC unroll 8
-            for (int o = 0; o < CO; ++o) {
-              const vec<T> wo = splat(w[((i - r) * 3 + kx) * CO + o]);
-#pragma GCC unroll 8
-              for (int v = 0; v < V; ++v) sum[r][o][v] += wo * pixels[v];
-              read_after(w, sum[r][o][V - 1]);
-            }
+            add_products<T>(sum[r], w, ((i - r) * 3 + kx) * CO, pixels);
           }
         }
       }

@@ -181,13 +181,7 @@ void multiply(const T* in, int64_t pitch, int64_t channels, const T* weight, T* 
       vec<T> pixels[V];
 #pragma GCC unroll 8
       for (int v = 0; v < V; ++v) pixels[v] = load(in + k + v * L);
-#pragma GCC unroll 8
-      for (int o = 0; o < CO; ++o) {
-        const vec<T> wo = splat(weight[o]);
-#pragma GCC unroll 8
-        for (int v = 0; v < V; ++v) sum[o][v] += wo * pixels[v];
-        read_after(weight, sum[o][V - 1]);
-      }
+      add_products<T>(sum, weight, 0, pixels);
     }
   }
 #pragma GCC unroll 8

@@ -29,8 +29,8 @@ class Evidence:
 
     Attributes:
         channels: [F, h, w], the logarithms of: the disparity; how far it varies around the pixel; by how much it lies
-            behind something nearer in the right image, and outside of it; the standard deviations of the stages'
-            softmax so far; what every stage but the first changed; the warp error; the texture.
+            behind something nearer in the right image, and outside of it; the standard deviations of the last two
+            stages' softmax; what the last stage changed; the warp error; the texture.
         hidden: [h, w], pixels by which it lies behind something nearer, or outside the right image.
         scale: pixels of the images per pixel.
     """
@@ -42,7 +42,7 @@ class Evidence:
 
 def evidence_count(stage: int, last: bool) -> int:
     """Channels of the evidence on a stage, from 1; the last one has no softmax of its own."""
-    return 6 + (stage - last) + (stage - 1)
+    return 6 + min(stage, 2 - last) + (stage > 1)
 
 
 def gather_evidence(
@@ -56,36 +56,25 @@ def gather_evidence(
     """
     refinement, scale = network.refinement, network.config.finest
     size = [n * result.scales[0] // scale for n in result.maps[0].shape]
-    deviations: list[Tensor] = []
-    disparities: list[Tensor] = []
-    step: StageResult | None = result
-    while step is not None:
-        disparities.insert(0, _at(step, scale, size))
-        if step.spread is not None:
-            distribution, stride = step.spread
-            deviations.insert(0, sum_at([distribution.deviation()], [stride // scale], size, [stride]))
-        step = step.before
-    disparity = disparities[-1]
+    steps = [result] if result.before is None else [result, result.before]
+    disparity, *before = (_at(step, scale, size) for step in steps)
+    deviations = [
+        sum_at([distribution.deviation()], [stride // scale], size, [stride])
+        for distribution, stride in (step.spread for step in steps if step.spread is not None)
+    ]
     outside, behind = (scale * distance for distance in reference.occlusion_distances(disparity / scale))
     outside.clamp_(min=0)
-    lengths = torch.stack(
-        [
-            disparity.clamp(min=0),
-            _variation(disparity),
-            behind,
-            outside,
-            *deviations,
-            *((a - b).abs() for a, b in zip(disparities[1:], disparities, strict=False)),
-        ]
-    )
     small_left, small_right = (
         _ops.read_image.default(image, refinement.mean, refinement.std, scale, 1, *size) for image in (left, right)
     )
     error = (warp(small_right, disparity[None, None] / scale) - small_left).abs().mean(1)
     texture = (small_left[0, :, :, 2:] - small_left[0, :, :, :-2]).abs().mean(0)
-    shades = _mean3x3(torch.stack([error[0], F.pad(texture, (1, 1))]))
-    channels = torch.cat([lengths.mul_(pixel).add_(PIXEL), shades.add_(SHADE)]).log_()
-    return Evidence(channels, torch.maximum(behind, outside) * pixel, scale)
+    lengths = [disparity.clamp(min=0), _variation(disparity), behind, outside, *deviations]
+    lengths += [(disparity - other).abs() for other in before]
+    channels = torch.stack([*lengths, *_mean3x3(torch.stack([error[0], F.pad(texture, (1, 1))]))])
+    channels[: len(lengths)].mul_(pixel).add_(PIXEL)
+    channels[len(lengths) :].add_(SHADE)
+    return Evidence(channels.log_(), torch.maximum(behind, outside) * pixel, scale)
 
 
 def _at(result: StageResult, scale: int, size: list[int]) -> Tensor:
@@ -133,7 +122,7 @@ class ConfidenceModel:
         try:
             content = json.loads(text)
             models = [[torch.tensor(row, dtype=torch.float32) for row in content[name]] for name in _FIELDS]
-        except (ValueError, TypeError, KeyError, RuntimeError, RecursionError) as error:
+        except (ValueError, TypeError, KeyError, OverflowError, RuntimeError, RecursionError) as error:
             raise AnyNetError(f"{path}: not a confidence model: {one_line(error)}") from None
         for rows, more in zip(models, (1, 2), strict=True):
             expected = [evidence_count(stage, stage == stages) + more for stage in range(1, stages + 1)]

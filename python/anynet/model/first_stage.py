@@ -14,11 +14,11 @@ from anynet.model.cost_volume import (
     group_cost_volume,
 )
 from anynet.model.layers import (
+    DeployedUpsampleAdd,
     Hourglass,
     PreActivation,
     affine_of,
     deploy_chain,
-    deployed_upsample_add,
     run,
     upsample_add,
 )
@@ -163,10 +163,7 @@ class DeployedFlatFirstStage(nn.Module):
         self.down = stage.down.deploy(affine_of(stage.down.norm), None)
         self.middle = deploy_chain(list(stage.middle))
         self.end = deploy_chain(list(stage.end), activated=True)
-        self.scale: Tensor
-        self.shift: Tensor
-        for name, value in zip(("scale", "shift"), affine_of(following.norm), strict=True):
-            self.register_buffer(name, value)
+        self.add = DeployedUpsampleAdd(affine_of(following.norm))
 
     def forward(self, features: Tensor, finer: Tensor) -> tuple[Tensor, Distribution]:
         first, last = self.range
@@ -174,6 +171,6 @@ class DeployedFlatFirstStage(nn.Module):
         x = self.begin(torch.cat([volume, finer[:1]], 1))
         volume = _ops.cost_volume.default(features[:1], features[1:], None, first, last)
         coarse = run(self.middle, torch.cat([self.down(x), volume], 1), features[:1])
-        cost = run(self.end, deployed_upsample_add(x, coarse, (self.scale, self.shift)))
+        cost = run(self.end, self.add(x, coarse))
         out: Tensor = _ops.soft_argmin.default(cost, 2 * first)
         return out, Distribution(cost, 2 * first)

@@ -275,14 +275,11 @@ class DeployedHourglass(nn.Module):
 
     def __init__(self, layers: nn.ModuleList, affine: Affine) -> None:
         super().__init__()
-        self.layers = layers
-        self.scale: Tensor
-        self.shift: Tensor
-        for name, value in zip(("scale", "shift"), affine, strict=True):
-            self.register_buffer(name, value)
+        self.layers, self.add = layers, DeployedUpsampleAdd(affine)
 
     def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
-        return deployed_upsample_add(x, run(self.layers, x, _halved(guide)), (self.scale, self.shift))
+        out: Tensor = self.add(x, run(self.layers, x, _halved(guide)))
+        return out
 
 
 def _halved(guide: Tensor | None) -> Tensor | None:
@@ -302,12 +299,23 @@ def upsample_add(x: Tensor, coarse: Tensor) -> Tensor:
     return resize(planes, (depth, height * width), add=x.view(n, c, depth, -1)).view_as(x)
 
 
-def deployed_upsample_add(x: Tensor, coarse: Tensor, affine: Affine) -> Tensor:
+class DeployedUpsampleAdd(nn.Module):
     """relu(scale `upsample_add(x, coarse)` + shift)."""
-    if x.dim() == 4:
-        return deployed_upsample_add(x[:, :, None], coarse[:, :, None], affine)[:, :, 0]
-    out: Tensor = _ops.upsample_add.default(x, coarse, *affine)
-    return out
+
+    scale: Tensor
+    shift: Tensor
+
+    def __init__(self, affine: Affine) -> None:
+        super().__init__()
+        self.register_buffer("scale", affine[0])
+        self.register_buffer("shift", affine[1])
+
+    def forward(self, x: Tensor, coarse: Tensor) -> Tensor:
+        if x.dim() == 4:
+            out: Tensor = self(x[:, :, None], coarse[:, :, None])[:, :, 0]
+            return out
+        out = _ops.upsample_add.default(x, coarse, self.scale, self.shift)
+        return out
 
 
 def run(layers: Iterable[Callable[..., Tensor]], x: Tensor, guide: Tensor | None = None) -> Tensor:

@@ -154,7 +154,8 @@ def warp_error(left: Tensor, right: Tensor, disparity: Tensor) -> list[Tensor]:
 
 def bilinear_logits() -> Tensor:
     """[32]: those of `convex_upsampling` that make it nearly bilinear, with something left to each neighbor."""
-    axis = torch.tensor([[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]])
+    # On the meta device, where networks are made before their weights are loaded, this would import PyTorch's compiler.
+    axis = torch.tensor([[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]], device="cpu")
     weights = torch.einsum("ai,bj->abij", axis, axis).clamp(min=0.01).view(4, 9)
     logits = (weights / weights[:, 4:5]).log()
     return torch.cat([logits[:, :4], logits[:, 5:]], 1).flatten()

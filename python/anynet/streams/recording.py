@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from anynet.errors import AnyNetError, one_line
 from anynet.io.files import check_regular
 from anynet.io.images import to_8_bits, used_bits
-from anynet.streams.bounded import BoundedPath
+from anynet.streams.bounded import BoundedPath, bound_rosbags
 from anynet.streams.ros import (
     CAMERA_INFO,
     COMPRESSED,
@@ -142,6 +142,7 @@ class Recording(Source):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
 
+        bound_rosbags()
         try:
             reader = AnyReader([BoundedPath(self._path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             reader.open()

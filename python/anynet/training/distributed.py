@@ -13,6 +13,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor, nn
 
+from anynet.device import missing_for_cuda
 from anynet.errors import AnyNetError, one_line
 from anynet.model.layers import track
 
@@ -59,7 +60,7 @@ def process_group(device: str | None) -> Iterator[Processes]:
     if kind not in ("cpu", "cuda"):
         raise AnyNetError(f"device: expected cpu or cuda, got {kind!r}")
     if kind == "cuda" and not torch.cuda.is_available():
-        raise AnyNetError("device: expected cpu, got 'cuda', of which PyTorch finds none here")
+        raise AnyNetError(f"device 'cuda': {missing_for_cuda()}")
     world_size = _number("WORLD_SIZE", 1)
     if world_size == 1:
         yield Processes(0, 1, torch.device(kind))

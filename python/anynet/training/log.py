@@ -115,7 +115,7 @@ def _step_of(line: bytes) -> float:
     """The step that a line tells of; of damaged ones, which a machine that lost its power may leave, infinity."""
     try:
         return float(json.loads(line)["step"]) if line.endswith(b"\n") else math.inf
-    except (KeyError, RecursionError, TypeError, ValueError):
+    except (KeyError, OverflowError, RecursionError, TypeError, ValueError):
         return math.inf
 
 

@@ -71,7 +71,7 @@ def train(
     if validation is None:
         validation = {name: open_datasets([name]) for name in recipe.validation}
     if not len(data):
-        raise AnyNetError("no pairs to train on")
+        raise AnyNetError("expected pairs to train on (data), got none")
     with process_group(recipe.device) as group, _locked(out) if group.is_main else nullcontext():
         if recipe.amp and group.device.type == "cpu" and group.is_main:
             warnings.warn("amp is for CUDA: on a CPU it saves no time", stacklevel=2)

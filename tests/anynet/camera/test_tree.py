@@ -103,10 +103,10 @@ LAUGHS = "a: &a [x, x, x, x, x, x, x, x]\n" + "".join(
 def test_hostile_texts(tmp_path: Path, text: str) -> None:
     path = tmp_path / "calib.txt"
     path.write_bytes(text.encode(errors="surrogateescape"))
-    start = time.perf_counter()
+    start = time.process_time()
     with pytest.raises(AnyNetError) as error:
         read_calibration(path)
-    assert time.perf_counter() - start < 10
+    assert time.process_time() - start < 10
     assert len(str(error.value)) < 1000
     assert "\n" not in str(error.value)
 

@@ -24,15 +24,18 @@ onnx = pytest.importorskip("onnx", reason="the extra `export` is not installed")
 onnxruntime = pytest.importorskip("onnxruntime", reason="the extra `export` is not installed")
 pytest.importorskip("onnxscript", reason="the extra `export` is not installed")
 
-# Where gates multiply rounding, the same network in double precision is as far from the predictor.
-LIMIT, ROUNDING, SHARE = 0.01, 0.3, 0.005  # pixels, pixels, and of all pixels
+LIMIT, SHARE = 0.01, 0.005  # pixels, and the share of those that may be above it where the network multiplies rounding
 
 
-def assert_close(found: list[NDArray[np.float32]], expected: list[NDArray[np.float32]]) -> None:
+def assert_close(
+    found: list[NDArray[np.float32]], expected: list[NDArray[np.float32]], weights: str | Path, pair: Pair
+) -> None:
+    """Within the limit, or, at few pixels, as close as the predictor itself is to the network in double precision."""
+    exact = pair.in_double_precision(weights)
     assert len(found) == len(expected)
-    for one, other in zip(found, expected, strict=True):
+    for one, other, ideal in zip(found, expected, exact[: len(expected)], strict=True):
         difference = np.abs(one - other)
-        assert difference.max() < ROUNDING
+        assert difference.max() < max(LIMIT, 4 * np.abs(other - ideal).max())
         assert (difference > LIMIT).mean() < SHARE
 
 
@@ -93,11 +96,11 @@ def test_packaged_weights(weights: str, pair: Pair, tmp_path: Path) -> None:
     assert [node.name for node in model.graph.output] == [f"disparity_{k}" for k in (1, 2, 3, 4)]
     assert set(operators(model.graph)) <= OPERATORS
     expected = pair.disparities(weights)
-    assert_close(in_onnxruntime(path, pair), expected)
+    assert_close(in_onnxruntime(path, pair), expected, weights, pair)
     openvino = pytest.importorskip("openvino")
     compiled = openvino.Core().compile_model(path, "CPU", {"INFERENCE_PRECISION_HINT": "f32"})
     results = compiled([pair.left, pair.right])
-    assert_close([results[k] for k in range(4)], expected)
+    assert_close([results[k] for k in range(4)], expected, weights, pair)
 
 
 @pytest.mark.slow
@@ -107,4 +110,4 @@ def test_every_option(name: str, pair: Pair, tmp_path: Path) -> None:
     save_checkpoint(weights, wild(network(name)))
     export_as("onnx", Request(weights, *pair.left.shape[:2]), path)
     assert set(operators(onnx.load(path).graph)) <= OPERATORS
-    assert_close(in_onnxruntime(path, pair)[:-1], pair.disparities(weights)[:-1])
+    assert_close(in_onnxruntime(path, pair)[:-1], pair.disparities(weights)[:-1], weights, pair)

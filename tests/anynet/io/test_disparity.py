@@ -145,6 +145,21 @@ def test_a_file_cut_anywhere_is_told(tmp_path: Path, ending: str) -> None:
         assert length > len(data) - 24
 
 
+def test_a_compressed_array_damaged_anywhere_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "map.npz"
+    np.savez_compressed(path, np.arange(64, dtype=np.float32).reshape(8, 8))
+    data = path.read_bytes()
+    refused = []
+    for place in range(len(data)):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 0xFF]) + data[place + 1 :])
+        try:
+            read_disparity(path)
+        except AnyNetError as error:
+            refused.append(str(error))
+    assert len(refused) > len(data) // 2  # there are names, dates and rights too
+    assert all("map.npz" in message and "\n" not in message for message in refused)
+
+
 def test_unknown_endings(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match="expected a disparity map in a"):
         read_disparity(tmp_path / "map.flo")

@@ -87,7 +87,10 @@ def test_packaged_weights_have_models() -> None:
         ConfidenceModel.read(file.with_suffix(".confidence.json"), 4)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"single": [[1, "a"]], "checked": []}', "\xff"])
+HUGE = f'{{"single": [[1{"0" * 400}]], "checked": []}}'  # an integer that no float holds
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"single": [[1, "a"]], "checked": []}', "\xff", HUGE])
 def test_damaged_models(tmp_path: Path, text: str) -> None:
     path = tmp_path / "x.confidence.json"
     path.write_text(text)

@@ -21,8 +21,9 @@ def images(index: int) -> tuple[np.ndarray, np.ndarray]:
     return tuple(rng.integers(0, 256, (2, 12, 20, 3), dtype=np.uint8))
 
 
-def write(path: Path, left: str = "/cam/left/image_rect", right: str = "/cam/right/image_rect", count: int = 4) -> Path:
-    with BagWriter(path) as bag:
+def write(path: Path, left: str = "/cam/left/image_rect", right: str = "/cam/right/image_rect", count: int = 4,
+          compression: str = "") -> Path:  # fmt: skip
+    with BagWriter(path, compression) as bag:
         for index in range(count):
             for topic, image in zip((left, right), images(index), strict=True):
                 bag.image(topic, image, START + 100 * MS * index, recorded=START + 100 * MS * index + 5 * MS)
@@ -289,6 +290,19 @@ def test_damaged_files_end_in_one_line(tmp_path: Path, name: str) -> None:
     assert all(str(path) in message and "\n" not in message for message in told)
     with pytest.raises(AnyNetError, match="not a readable ROS bag or MCAP file"):
         Recording(tmp_path / f"none{whole.suffix}")
+
+
+@pytest.mark.parametrize(
+    ("name", "compression"),
+    [("a.bag", "bz2"), ("a.bag", "lz4"), ("a.mcap", "storage"), ("folder", "message"), ("folder", "file")],
+)
+def test_compressed_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, compression: str) -> None:
+    path = write(tmp_path / name, compression=compression)
+    np.testing.assert_array_equal([(frame.left, frame.right) for frame in read(path)], [images(i) for i in range(4)])
+    if compression != "file":  # which goes to the disk
+        monkeypatch.setenv("ANYNET_MAX_PIXELS", "50")
+        with pytest.raises(AnyNetError, match=r"not a readable .*blocks of at most 400 bytes; ANYNET_MAX_PIXELS"):
+            read(path)
 
 
 RAW_K = np.array([[90.0, 0, 9], [0, 91, 6], [0, 0, 1]])

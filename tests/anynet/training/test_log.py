@@ -41,6 +41,15 @@ def test_lines_beyond_the_checkpoint_are_dropped(tmp_path: Path) -> None:
     assert "losses" in lines(path)[2]
 
 
+@pytest.mark.parametrize("damage", ["1" + 400 * "0", "1" + 5000 * "0", '"nan', "[" * 3000, "{}"])
+def test_damaged_lines_are_dropped(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "log.jsonl"
+    path.write_text(f'{{"step": 1}}\n{{"step": {damage}}}\n')
+    with RunLog(path, 2, 4, every=1, tensorboard=None):
+        pass
+    assert lines(path) == [{"step": 1}]
+
+
 def test_validations(tmp_path: Path) -> None:
     path = tmp_path / "log.jsonl"
     stages = tuple(Stage(n, (Scores(n, 2, 3, 4, 10 * n, 100),), 1.0, 100.0) for n in (1, 2))
