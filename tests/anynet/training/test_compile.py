@@ -10,8 +10,12 @@ import torch
 from planes import begun
 from torch import Tensor
 
-from anynet import AnyNet
+from anynet import AnyNet, AnyNetConfig
 from anynet.model import presets
+from anynet.model.config import FirstStageConfig
+
+# Of more channels than our own operators take, which compute in float32 under autocast.
+WIDE = AnyNetConfig(first_stage=FirstStageConfig(channels=40, layers=1))
 
 
 @pytest.mark.slow
@@ -39,8 +43,8 @@ def test_a_compiled_step_equals_a_plain_one(backend: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("amp", [False, True])
 def test_a_compiled_step_of_a_run_equals_a_plain_one(tmp_path: Path, amp: bool) -> None:
-    plain, batch = begun(tmp_path, amp=amp)
-    compiled, _ = begun(tmp_path, amp=amp)
+    plain, batch = begun(tmp_path, amp=amp, network=WIDE)
+    compiled, _ = begun(tmp_path, amp=amp, network=WIDE)
     compiled.parallel = torch.compile(compiled.model, backend="aot_eager")
     before = copy.deepcopy(plain.model.state_dict())
     for _ in range(2):
@@ -51,8 +55,8 @@ def test_a_compiled_step_of_a_run_equals_a_plain_one(tmp_path: Path, amp: bool) 
 
 
 def test_a_step_in_bfloat16_is_near_one_in_float32(tmp_path: Path) -> None:
-    plain, batch = begun(tmp_path)
-    half, _ = begun(tmp_path, amp=True)
+    plain, batch = begun(tmp_path, network=WIDE)
+    half, _ = begun(tmp_path, network=WIDE, amp=True)
     dtypes = set()
     for module in half.model.modules():
         module.register_forward_hook(lambda _, __, out: dtypes.add(getattr(out, "dtype", None)))
