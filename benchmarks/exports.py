@@ -3,8 +3,8 @@
 python benchmarks/exports.py [--weights W ...] [--threads 2] [--height 368] [--width 1232] [--formats ...] [--json FILE]
 
 All take turns on one rendered pair. Times are the processor's for one call with all stages, of all threads together:
-medians, in milliseconds; ratios are medians over the turns. The same network in double precision shows what is rounding,
-of the exported program and of ours. Exporting takes minutes.
+medians, in milliseconds; ratios are medians over the turns. The network in double precision shows what is rounding, of
+the exported program and of ours. Exporting takes minutes.
 """
 
 from __future__ import annotations
