@@ -3,6 +3,8 @@
 #include <unistd.h>
 
 #include <cstdlib>
+#include <system_error>
+#include <thread>
 
 #ifdef _OPENMP
 #include <omp.h>
@@ -20,7 +22,7 @@ bool forked = false;
 
 #ifdef _OPENMP
 /// Owns a team of more threads than there are processors, all asleep.
-void* sleep_for_ever(void*) {
+void sleep_for_ever() {
 #pragma omp parallel num_threads(omp_get_num_procs() + 1)
   asm volatile("");  // or there would be no team
   for (;;) pause();
@@ -38,7 +40,9 @@ int num_threads() { return forked ? 1 : static_cast<int>(torch::stable::get_num_
 extern "C" __attribute__((visibility("default"))) void anynet_wait_passively() {
 #ifdef _OPENMP
   if (std::getenv("OMP_WAIT_POLICY") != nullptr || std::getenv("GOMP_SPINCOUNT") != nullptr) return;
-  pthread_t thread;
-  if (pthread_create(&thread, nullptr, anynet::ops::sleep_for_ever, nullptr) == 0) pthread_detach(thread);
+  try {
+    std::thread(anynet::ops::sleep_for_ever).detach();
+  } catch (const std::system_error&) {  // no more threads: these go on spinning
+  }
 #endif
 }
