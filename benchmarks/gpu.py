@@ -12,7 +12,7 @@ import statistics
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
-from itertools import islice
+from itertools import islice, product
 from math import ceil
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -234,6 +234,10 @@ def deployed_workloads() -> list[Workload]:
         ),
         deployed("upsample_add", "C=16, 24x47x156",
                  lambda: (normal(1, 16, 24, 47, 156), normal(1, 16, 12, 24, 78), normal(16), normal(16))),
+        deployed("cost_volume_affine_relu", "C=8, K=12, 24x78",
+                 lambda: (normal(1, 8, 24, 78), normal(1, 8, 24, 78), None, 0, 11, normal(1), normal(1))),
+        deployed("conv3x3", "16 to 24, 96x312", lambda: (normal(1, 16, 96, 312), normal(24, 16, 3, 3)),
+                 3 * (6 * 34) / (4 * 32)),
         deployed("conv3x3x3", "16 to 16, 12x24x78", lambda: (normal(1, 16, 12, 24, 78), normal(16, 16, 3, 3, 3)),
                  2 * 3 * (6 * 34) / (4 * 32)),
         deployed(
@@ -273,17 +277,21 @@ def workloads() -> list[Workload]:
 
 
 def milliseconds(call: Callable[[], object]) -> float:
-    """Median of 50 calls, each between two events; the cache is overwritten in between."""
+    """Median of 50 calls, or as many as two seconds hold, each between two events; the cache is overwritten between."""
     flush = torch.empty(64 << 20, dtype=torch.int8, device="cuda")
-    times = []
+    times: list[float] = []
+    start = perf_counter()
     for i in range(60):
+        slow = perf_counter() - start > 2
+        if slow and times:
+            break
         flush.zero_()
         begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
         begin.record()
         call()
         end.record()
         end.synchronize()
-        if i >= 10:
+        if i >= 10 or slow:
             times.append(begin.elapsed_time(end))
     return statistics.median(times)
 
@@ -299,8 +307,27 @@ def launches(call: Callable[[], object]) -> int:
     return sum(not name.startswith(("Memcpy", "Memset")) for name in names)
 
 
-def measure_network(weights: str, until: float) -> None:
-    """Milliseconds until each stage's disparity is there at the images' size, everything on the GPU."""
+def network_table(weights: str, stages: int) -> Callable[..., None]:
+    """Prints a table's head; the function prints a row: milliseconds until each stage, and launches until the last."""
+    print(f"\n{weights}, {KITTI[0]}x{KITTI[1]}\n")
+    print(f"| | batch | | {' | '.join(f'stage {s} ms' for s in range(1, stages + 1))} | launches |")
+    print("| --- | --: | --- |" + " --: |" * (stages + 1))
+
+    def row(name: str, batch: int, dtype: str, to_stage: Callable[[int], object], *, first: int = 1) -> None:
+        try:
+            times = " | ".join(
+                "-" if stage < first else f"{milliseconds(lambda: to_stage(stage)):.3f}"  # noqa: B023
+                for stage in range(1, stages + 1)
+            )
+            print(f"| {name} | {batch} | {dtype} | {times} | {launches(lambda: to_stage(stages))} |", flush=True)
+        except Exception as error:  # say so and go on
+            print(f"| {name} | {batch} | {dtype} | {type(error).__name__}: {str(error).splitlines()[0]} |", flush=True)
+
+    return row
+
+
+def measure_network(weights: str) -> None:
+    """Milliseconds until each stage's disparity is there at the images' size, everything on the GPU; ours and eager."""
     from anynet import load_checkpoint
     from anynet.device import PRECISIONS
     from anynet.model.deploy import DeployedAnyNet
@@ -308,18 +335,8 @@ def measure_network(weights: str, until: float) -> None:
 
     model = load_checkpoint(weights).cuda().eval()
     networks = {name: DeployedAnyNet(model, dtype) for name, dtype in PRECISIONS.items()}
-    stages = model.config.stages
     left, right = (torch.randint(0, 256, (*KITTI, 3), dtype=torch.uint8, device="cuda") for _ in range(2))
-    print(f"\n{weights}, {KITTI[0]}x{KITTI[1]}\n")
-    print(f"| | batch | | {' | '.join(f'stage {s} ms' for s in range(1, stages + 1))} | launches |")
-    print("| --- | --: | --- |" + " --: |" * (stages + 1))
-
-    def row(name: str, batch: int, dtype: str, to_stage: Callable[[int], object], last_only: bool = False) -> None:
-        times = " | ".join(
-            "-" if last_only and s < stages else f"{milliseconds(lambda: to_stage(s)):.3f}"  # noqa: B023
-            for s in range(1, stages + 1)
-        )
-        print(f"| {name} | {batch} | {dtype} | {times} | {launches(lambda: to_stage(stages))} |", flush=True)
+    row = network_table(weights, model.config.stages)
 
     def pairs(steps: Callable[[Tensor, Tensor], Iterator[StageResult]], batch: int) -> Callable[[int], None]:
         def to_stage(stage: int) -> None:
@@ -334,49 +351,56 @@ def measure_network(weights: str, until: float) -> None:
             for name, network in networks.items():
                 row("ours", batch, name, pairs(GraphedAnyNet(network).stages, batch))
             row("ours without graphs", batch, "float32", pairs(networks["float32"].stages, batch))
-    with torch.no_grad():
-        for batch in (1, 8):
-            images = [torch.randn(batch, 3, *KITTI, device="cuda") for _ in range(2)]
-            for dtype in (torch.float32, torch.bfloat16):
-                for name, forward in peers(model):
-                    if perf_counter() > until:
-                        print(f"| {name} | {batch} | {dtype} | not measured: --seconds are over |")
-                        continue
-
-                    def to_stage(stage: int, forward: Any = forward, images: Any = images, dtype: Any = dtype) -> None:
-                        with torch.autocast("cuda", torch.bfloat16, enabled=dtype == torch.bfloat16):
-                            forward(*images, stage)
-
-                    try:
-                        compiles = name != "PyTorch eager"  # every stage anew, for minutes
-                        row(name, batch, str(dtype).removeprefix("torch."), to_stage, last_only=compiles)
-                    except Exception as error:  # another's compiler: say so and go on
-                        print(f"| {name} | {batch} | {dtype} | {type(error).__name__}: {str(error).splitlines()[0]} |")
+    for batch, dtype in product((1, 8), ("float32", "bfloat16")):
+        row("PyTorch eager", batch, dtype, training_form(model, batch, dtype))
 
 
-def peers(model: torch.nn.Module) -> Iterator[tuple[str, Callable[..., object]]]:
-    """The network as it trains, on normalized images."""
-    yield "PyTorch eager", model
-    yield "torch.compile, max-autotune", torch.compile(model, mode="max-autotune", dynamic=False)
+def training_form(forward: Callable[..., object], batch: int, dtype: str) -> Callable[[int], None]:
+    """The network as it trains, on normalized images, until a stage."""
+    images = [torch.randn(batch, 3, *KITTI, device="cuda") for _ in range(2)]
+
+    def to_stage(stage: int) -> None:
+        with torch.no_grad(), torch.autocast("cuda", torch.bfloat16, enabled=dtype == "bfloat16"):
+            forward(*images, stage)
+
+    return to_stage
+
+
+def measure_compiled(weights: str, until: float) -> None:
+    """Milliseconds until the last stage of what takes minutes to compile."""
+    from anynet import load_checkpoint
+
+    model = load_checkpoint(weights).cuda().eval()
+    compiled = {"torch.compile, max-autotune": torch.compile(model, mode="max-autotune", dynamic=False)}
     if find_spec("torch_tensorrt") is not None:
         import torch_tensorrt  # noqa: F401  (registers the backend)
 
-        yield "TensorRT", torch.compile(model, backend="torch_tensorrt", dynamic=False)
+        compiled["TensorRT"] = torch.compile(model, backend="torch_tensorrt", dynamic=False)
+    row = network_table(weights, model.config.stages)
+    for batch, dtype, (name, forward) in product((1, 8), ("float32", "bfloat16"), compiled.items()):
+        if perf_counter() > until:
+            print(f"| {name} | {batch} | {dtype} | not measured: --seconds are over |")
+        else:
+            row(name, batch, dtype, training_form(forward, batch, dtype), first=model.config.stages)
 
 
 def measure(seconds: float) -> None:
+    """First what is ours; last what may take minutes to compile."""
     torch.manual_seed(0)
     until = perf_counter() + seconds
-    measure_operators()
+    print(f"\n{torch.cuda.get_device_name()}, torch {torch.__version__}")
     for weights in NETWORKS:
-        measure_network(weights, until)
+        measure_network(weights)
+    measure_operators(until)
+    for weights in NETWORKS:
+        measure_compiled(weights, until)
 
 
-def measure_operators() -> None:
+def measure_operators(until: float) -> None:
     source = torch.empty(256 << 20, dtype=torch.int8, device="cuda")
     target = torch.empty_like(source)
     copy = 2 * source.numel() / milliseconds(lambda: target.copy_(source)) / 1e6
-    print(f"\n{torch.cuda.get_device_name()}, torch {torch.__version__}; a copy of 256 MiB: {copy:.0f} GB/s\n")
+    print(f"\nA copy of 256 MiB: {copy:.0f} GB/s\n")
     print("| operator | size | ms | GB/s | of a copy | eager ms | torch.compile ms |")
     print("| --- | --- | --: | --: | --: | --: | --: |")
     for work in [*workloads(), *deployed_workloads()]:
@@ -385,14 +409,14 @@ def measure_operators() -> None:
         ours = milliseconds(lambda: work.ours(*inputs))  # noqa: B023
         eager = milliseconds(lambda: work.eager(*inputs))  # noqa: B023
         compiled = "-"
-        if not any(
-            part in work.name for part in ("backward", "propagation", "occlusions")
-        ):  # a compiled scan unrolls every column
+        unrolled = any(part in work.name for part in ("propagation", "occlusions"))  # a scan, column by column
+        if not unrolled and "backward" not in work.name and perf_counter() < until:
             function = torch.compile(work.eager, dynamic=False)
             compiled = f"{milliseconds(lambda: function(*inputs)):.4f}"  # noqa: B023
         speed = work.fewest / ours / 1e6
         print(
-            f"| {work.name} | {work.shape} | {ours:.4f} | {speed:.0f} | {speed / copy:.0%} | {eager:.4f} | {compiled} |"
+            f"| {work.name} | {work.shape} | {ours:.4f} | {speed:.0f} | {speed / copy:.0%} | {eager:.4f} | {compiled} |",
+            flush=True,
         )
 
 
@@ -472,7 +496,7 @@ if __name__ == "__main__":
     parser.add_argument(
         "--estimate", action="store_true", help="no GPU: bytes moved, and the time that follows from it"
     )
-    parser.add_argument("--seconds", type=float, default=math.inf, help="begin with no other network after that")
+    parser.add_argument("--seconds", type=float, default=math.inf, help="compile nothing more after that")
     arguments = parser.parse_args()
     if arguments.estimate:
         estimate()

@@ -1,10 +1,10 @@
-"""Times every operator on the CPU against PyTorch eager, torch.compile and the limit of the machine.
+"""Times the operators on the CPU against PyTorch eager, torch.compile and the limit of the machine.
 
 python benchmarks/kernels.py [--threads 1 2] [--only NAME] [--json FILE]
 
 Eager and compiled are `anynet_ext.reference` (PyTorch's own batch norm), float32; all times are medians of one call, in
-milliseconds. Operators for inference have no backward pass. The limit is the larger of arithmetic / peak rate and bytes
-/ copy bandwidth, each input read and each output written once.
+milliseconds. Operators for inference have no backward pass; conv3x3 and conv3x3x3 are in conv.py. The limit is the
+larger of arithmetic / peak rate and bytes / copy bandwidth, each input read and each output written once.
 """
 
 from __future__ import annotations
@@ -127,6 +127,18 @@ def workloads() -> list[Workload]:
             10 * n * c * h * w,
         )
     )
+    n, c, h, w = 12, 4, 64, 128
+    result.append(
+        Workload(
+            "resize",
+            f"{n}x{c}x{h}x{w} to {4 * h}x{4 * w}",
+            (torch.randn(n, c, h, w),),
+            lambda x: anynet_ext.resize(x, (256, 512)),
+            lambda x: reference.resize(x, (256, 512)),
+            3 * 16 * n * c * h * w,  # along columns a multiply and a multiply-add; along rows less than one, shared
+            3 * 16 * n * c * h * w,
+        )
+    )
     return result + inference_workloads()
 
 
@@ -161,7 +173,11 @@ def inference_workloads() -> list[Workload]:
     )
     volume = torch.randn(1, 8, 12, h // 4, w // 4), torch.randn(1, 8, 6, h // 8, w // 8)
     maps = [torch.randn(h >> i, w >> i) for i in (0, 1, 2)]
+    layer = torch.randn(4, 4, 3, 3, 3), torch.randn(4)
     return [
+        row(
+            "conv_pair", f"1x4 to 4 to 4x5x{h}x{w}", (torch.randn(1, 4, 5, h, w), *layer, *layer), 2 * 432 * 5 * pixels
+        ),
         row("stem", f"2x{4 * h}x{4 * w}", stem, 2 * pixels * (16 * 54 + 4 * 36)),
         row(
             "read_image",

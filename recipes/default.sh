@@ -1,5 +1,5 @@
 #!/bin/sh
-# The weights `default`: features and later stages of `large`, a first stage of its own; about two hours on two cores.
+# The weights `default`: features and later stages of `large`, a first stage of its own; about three hours on two cores.
 #
 #     recipes/default.sh FOLDER
 #
@@ -9,14 +9,18 @@ set -e
 out=${1:?expected a folder for the pairs and runs}
 anynet render --out "$out/first" --count "${PAIRS:-800}" --seed 500000
 anynet render --out "$out/second" --count "${PAIRS:-400}" --seed 500800
+anynet render --out "$out/third" --count "${PAIRS:-3200}" --seed 501200
 # The new first stage alone, on features that already know how to compare.
 anynet finetune --preset default --weights large --load-partial --steps "${STEPS:-4000}" --seed 1 \
     --learning-rate 1.5e-3 --stage-weights 1 --stage-weights 0 --stage-weights 0 --stage-weights 0 \
     --data "rendered:$out/first" --out "$out/default-first-stage" --resume
+# Then all of it, three times, each from the weights before and with a cosine of its own.
+all="--stage-weights 1 --stage-weights 0.5 --stage-weights 1 --stage-weights 1"
 anynet finetune --preset default --weights "$out/default-first-stage/weights.safetensors" --steps "${STEPS:-3200}" \
-    --seed 2 --stage-weights 1 --stage-weights 0.5 --stage-weights 1 --stage-weights 1 \
-    --data "rendered:$out/first" --data "rendered:$out/second" --out "$out/default-all" --resume
+    --seed 2 $all --data "rendered:$out/first" --data "rendered:$out/second" --out "$out/default-all" --resume
 anynet finetune --preset default --weights "$out/default-all/weights.safetensors" --steps "${STEPS:-1400}" --seed 3 \
-    --learning-rate 8e-4 --warmup-steps 50 \
-    --stage-weights 1 --stage-weights 0.5 --stage-weights 1 --stage-weights 1 \
-    --data "rendered:$out/first" --data "rendered:$out/second" --out "$out/default" --resume
+    --learning-rate 8e-4 --warmup-steps 50 $all \
+    --data "rendered:$out/first" --data "rendered:$out/second" --out "$out/default-again" --resume
+anynet finetune --preset default --weights "$out/default-again/weights.safetensors" --steps "${STEPS:-5000}" --seed 4 \
+    $all --data "rendered:$out/first" --data "rendered:$out/second" --data "rendered:$out/third" \
+    --out "$out/default" --resume

@@ -215,7 +215,7 @@ def test_command_line(tmp_path: Path) -> None:
     assert main(["predict", *files, "--out", str(tmp_path / "out"), "--device", "cuda:99"]) == 2
 
 
-@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("amp", [False, True])
 def test_a_training_step_never_waits(tmp_path: Path, compiled: bool, amp: bool) -> None:
     if compiled and sys.platform != "linux":

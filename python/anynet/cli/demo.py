@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.device import Device, Precision
+from anynet.cli.network import Device, InputScale, Precision, Threads, Weights
 from anynet.cli.told import collected_warnings, tell_warnings
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
@@ -42,13 +42,11 @@ def demo(
     rendered: Annotated[bool, typer.Option("--rendered", help="Use a rendered scene.")] = False,
     seed: Annotated[int, typer.Option(help="Which rendered scene.")] = 0,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("anynet-demo"),
-    weights: Annotated[str, typer.Option(help="A packaged name, or a path.")] = "default",
-    input_scale: Annotated[
-        float | None, typer.Option(help="Work on the images resized by this factor.", show_default="the weights'")
-    ] = None,
+    weights: Weights = "default",
+    input_scale: InputScale = None,
     device: Device = "cpu",
     precision: Precision = "float32",
-    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
+    threads: Threads = None,
     view: Annotated[bool, typer.Option("--view", help="Then show the page of `anynet view` on the pair.")] = False,
 ) -> None:
     """Every stage on one pair: a table of times and errors, a picture of the stages, a point cloud.

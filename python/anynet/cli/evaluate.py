@@ -13,11 +13,10 @@ import typer
 from rich.console import Console
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.device import Device, Precision
+from anynet.cli.network import Device, InputScale, Precision, Threads
 from anynet.cli.told import telling_warnings
 from anynet.cli.trust import LeftRight
 from anynet.errors import AnyNetError
-from anynet.scheduler import MAX_THREADS
 
 if TYPE_CHECKING:
     from anynet.camera import PairPreparation
@@ -58,10 +57,7 @@ def evaluate(
         list[str] | None,
         typer.Option(help="A baseline of anynet.baselines.MODELS with random weights, to time it; repeatable."),
     ] = None,
-    input_scale: Annotated[
-        float | None,
-        typer.Option(help="Networks work on the images resized by this factor.", show_default="the weights'"),
-    ] = None,
+    input_scale: InputScale = None,
     method: Annotated[list[OpenCV] | None, typer.Option(help="OpenCV's matcher beside them; repeatable.")] = None,
     region: Annotated[list[Region] | None, typer.Option(help="Pixels to count; repeatable. [default: all]")] = None,
     confidence: Annotated[
@@ -81,9 +77,7 @@ def evaluate(
     ] = False,
     device: Device = "cpu",
     precision: Precision = "float32",
-    threads: Annotated[
-        int | None, typer.Option(help="CPU threads. Default: PyTorch's.", min=1, max=MAX_THREADS)
-    ] = None,
+    threads: Threads = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder for results.md, results.json and a figure per method and data set.")
     ] = None,

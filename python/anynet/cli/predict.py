@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.device import Device, Precision
+from anynet.cli.network import BudgetMs, Device, InputScale, Precision, Stage, Threads, Weights
 from anynet.cli.pairs import Pair, find_pairs, share_of
-from anynet.cli.results import DepthFormat, Format, Writer, file_ids
+from anynet.cli.results import DepthFiles, DepthFormat, DisparityFile, Format, Writer, file_ids
 from anynet.cli.told import collected_warnings, tell, tell_warnings
 from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
 from anynet.errors import AnyNetError
@@ -56,27 +56,12 @@ def predict(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results; made if missing.")],
-    weights: Annotated[
-        str, typer.Option(help="A packaged name, or a path: our .safetensors, an official .tar.")
-    ] = "default",
-    input_scale: Annotated[
-        float | None,
-        typer.Option(
-            help="Work on the images resized by this factor: above 1 finer and slower, below 1 for very large ones.",
-            show_default="the weights'",
-        ),
-    ] = None,
-    budget_ms: Annotated[
-        float | None, typer.Option(min=0, help="Stop after the last stage that fits into this time.")
-    ] = None,
-    stage: Annotated[int | None, typer.Option(min=1, help="Stop after this stage.")] = None,
-    format: Annotated[Format, typer.Option(help="Disparity files: 16-bit PNG as KITTI's, PFM, or NumPy.")] = Format.png,
-    depth_format: Annotated[
-        list[DepthFormat] | None,
-        typer.Option(
-            help="Depth files: TIFF or NumPy in meters, or 16-bit PNG in millimeters; repeatable.", show_default="tiff"
-        ),
-    ] = None,
+    weights: Weights = "default",
+    input_scale: InputScale = None,
+    budget_ms: BudgetMs = None,
+    stage: Stage = None,
+    format: DisparityFile = Format.png,
+    depth_format: DepthFiles = None,
     shard: Annotated[
         str | None,
         typer.Option(
@@ -98,7 +83,7 @@ def predict(
     drop_occluded: DropOccluded = False,
     device: Device = "cpu",
     precision: Precision = "float32",
-    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
+    threads: Threads = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per pair and line, for machines.")
     ] = False,

@@ -9,10 +9,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import numpy.typing as npt
+import typer
 
 from anynet.errors import AnyNetError
 
@@ -49,6 +50,15 @@ class DepthFormat(str, Enum):
     tiff = "tiff"
     npy = "npy"
     png = "png"
+
+
+DisparityFile = Annotated[Format, typer.Option(help="Disparity files: 16-bit PNG as KITTI's, PFM, or NumPy.")]
+DepthFiles = Annotated[
+    list[DepthFormat] | None,
+    typer.Option(
+        help="Depth files: TIFF or NumPy in meters, or 16-bit PNG in millimeters; repeatable.", show_default="tiff"
+    ),
+]
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.device import Device, Precision
-from anynet.cli.results import DepthFormat, Format, Writer, file_ids
+from anynet.cli.network import BudgetMs, Device, InputScale, Precision, Stage, Threads, Weights
+from anynet.cli.results import DepthFiles, DepthFormat, DisparityFile, Format, Writer, file_ids
 from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, named_topics, open_source, size_of
 from anynet.cli.stopping import stopping
 from anynet.cli.told import collected_warnings, tell_warnings
@@ -68,23 +68,12 @@ def stream(
     ] = False,
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many results.")] = None,
     reconnect: Reconnect = 10.0,
-    weights: Annotated[
-        str, typer.Option(help="A packaged name, or a path: our .safetensors, an official .tar.")
-    ] = "default",
-    input_scale: Annotated[
-        float | None, typer.Option(help="Work on the images resized by this factor.", show_default="the weights'")
-    ] = None,
-    budget_ms: Annotated[
-        float | None, typer.Option(min=0, help="Stop a frame after the last stage that fits into this time.")
-    ] = None,
-    stage: Annotated[int | None, typer.Option(min=1, help="Stop after this stage.")] = None,
-    format: Annotated[Format, typer.Option(help="Disparity files: 16-bit PNG as KITTI's, PFM, or NumPy.")] = Format.png,
-    depth_format: Annotated[
-        list[DepthFormat] | None,
-        typer.Option(
-            help="Depth files: TIFF or NumPy in meters, or 16-bit PNG in millimeters; repeatable.", show_default="tiff"
-        ),
-    ] = None,
+    weights: Weights = "default",
+    input_scale: InputScale = None,
+    budget_ms: BudgetMs = None,
+    stage: Stage = None,
+    format: DisparityFile = Format.png,
+    depth_format: DepthFiles = None,
     depth_encoding: Annotated[
         DepthEncoding, typer.Option(help="Recorded depth: float meters, or 16-bit millimeters.")
     ] = DepthEncoding.meters,
@@ -99,7 +88,7 @@ def stream(
     ] = False,
     device: Device = "cpu",
     precision: Precision = "float32",
-    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
+    threads: Threads = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object per frame and line, and a last one with a summary.")
     ] = False,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.device import Device, Precision
+from anynet.cli.network import Device, Precision, Threads
 from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, named_topics, open_source, size_of
 from anynet.cli.stopping import stopping
 from anynet.cli.told import collected_warnings, tell_warnings
@@ -42,7 +42,7 @@ def view(
     port: Port = 8080,
     device: Device = "cpu",
     precision: Precision = "float32",
-    threads: Annotated[int | None, typer.Option(min=1, help="CPU threads.", show_default="torch's")] = None,
+    threads: Threads = None,
 ) -> None:
     """A page in the browser: images, confidence and cloud, and a slider for the time that a frame may take.
 

@@ -181,24 +181,34 @@ class PreActivation(nn.Module):
         """Its convolution, with the norm and ReLU before it, where the input has not been through them, and the next
         layer's after it."""
         conv = self.conv.deploy(affine_in, affine_out, relu_out=relu_out and affine_out is not None)
-        return conv if self.excitation is None else DeployedExcitation(self.excitation.deploy(), conv)
+        if self.excitation is None:
+            return conv
+        conv.weight = 2 * conv.weight  # the excitation's weights are 2 sigmoid
+        return DeployedExcitation(self.excitation.deploy(), conv)
 
 
 class DeployedExcitation(nn.Module):
-    """A convolution whose input, already activated, is weighed first, in place: it is nobody else's."""
+    """A convolution whose input, already activated, is weighed first, in place: it is nobody else's.
+
+    By half of what it is to be weighed; the convolution's weights are twice what they were.
+    """
 
     def __init__(self, excitation: DeployedConvolution, conv: DeployedConvolution) -> None:
         super().__init__()
         self.excitation, self.conv = excitation, conv
 
     def forward(self, x: Tensor, guide: Tensor) -> Tensor:
-        out: Tensor = self.conv(x.mul_(excitation_weights(self.excitation(guide), x)))
+        out: Tensor = self.conv(x.mul_(_per_plane(self.excitation(guide).sigmoid_(), x)))
         return out
 
 
 def excitation_weights(logits: Tensor, x: Tensor) -> Tensor:
     """[N, C, H, W], any values, to weights of a picture or volume `x` [N, C, (D,) H, W]: 0 to 2."""
-    weights = 2 * logits.sigmoid()
+    return _per_plane(2 * logits.sigmoid(), x)
+
+
+def _per_plane(weights: Tensor, x: Tensor) -> Tensor:
+    """[N, C, H, W] for a picture or volume `x`, all of whose planes they weigh."""
     return weights if x.dim() == 4 else weights[:, :, None]
 
 

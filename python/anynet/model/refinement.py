@@ -14,6 +14,8 @@ from anynet_ext import reference, resize, spatial_propagation, warp
 
 _ops = torch.ops.anynet
 
+DISPARITY_SCALE = 16  # by which the guide's disparity is divided
+
 
 class Refinement(nn.Module):
     """A map at the finest features' resolution, sharpened along the edges of the image."""
@@ -88,7 +90,11 @@ class DeployedRefinement(nn.Module):
         super().__init__()
         self.config, self.finest = refinement.config, refinement.finest
         *guidance, last = refinement.guidance
-        self.guidance = in_pairs(layer.deploy(relu_out=True) for layer in guidance)  # type: ignore[operator]
+        layers = [layer.deploy(relu_out=True) for layer in guidance]  # type: ignore[operator]
+        if self.config.warp_error:  # whose disparity comes undivided
+            *others, scaled = layers[0].weight.split([layers[0].weight.shape[1] - 1, 1], 1)
+            layers[0].weight = torch.cat([*others, scaled / DISPARITY_SCALE], 1)
+        self.guidance = in_pairs(layers)
         # Direction by direction, so that no more than one scan's gates are in memory.
         self.gates = nn.ModuleList()
         for weight in last.weight.detach().chunk(len(self.config.directions)):  # type: ignore[operator]
@@ -132,7 +138,8 @@ class DeployedRefinement(nn.Module):
         if not self.config.warp_error:
             return seen
         assert small is not None
-        return torch.cat([seen, *warp_error(small, read(right), disparity / self.finest)], 1)
+        disparity = disparity / self.finest
+        return torch.cat([seen, warp(read(right), disparity) - small, disparity], 1)
 
 
 def largest(scans: list[Tensor]) -> Tensor:
@@ -142,7 +149,7 @@ def largest(scans: list[Tensor]) -> Tensor:
 
 def warp_error(left: Tensor, right: Tensor, disparity: Tensor) -> list[Tensor]:
     """How the right image, warped, differs from the left one, [N, 3, H, W]; and the disparity, scaled, [N, 1, H, W]."""
-    return [warp(right, disparity) - left, disparity / 16]
+    return [warp(right, disparity) - left, disparity / DISPARITY_SCALE]
 
 
 def bilinear_logits() -> Tensor:
