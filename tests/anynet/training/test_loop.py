@@ -217,7 +217,7 @@ def test_partial_weights_begin_a_larger_network(tmp_path: Path) -> None:
 
 
 def test_nothing_to_train_on(tmp_path: Path) -> None:
-    with pytest.raises(AnyNetError, match="no pairs"):
+    with pytest.raises(AnyNetError, match="expected pairs to train on"):
         train(RECIPE, tmp_path, data=Planes(0))
 
 
