@@ -2,15 +2,16 @@
 
 python benchmarks/exports.py [--weights W ...] [--threads 2] [--height 368] [--width 1232] [--formats ...] [--json FILE]
 
-All take turns on one rendered pair. Times are medians of one call with all stages, in milliseconds; ratios are medians
-over the turns. The same network in double precision shows what is rounding: of the exported program and of ours.
-Exporting takes minutes.
+All take turns on one rendered pair. Times are the processor's for one call with all stages, of all threads together:
+medians, in milliseconds; ratios are medians over the turns. The network in double precision shows what is rounding, of
+the exported program and of ours. Exporting takes minutes.
 """
 
 from __future__ import annotations
 
 import statistics
 import tempfile
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -88,7 +89,7 @@ def measure(weights: str, images: Images, threads: int, formats: list[str]) -> l
             export_as(format, Request(weights, *images[0].shape[:2]), path)
             calls |= runners(format, path, images, threads)
         found = {name: call() for name, call in calls.items()}
-        times = interleaved_ms(calls)
+        times = interleaved_ms(calls, clock=time.process_time)
     exact = in_double_precision(weights, images)
     rows = []
     for name, disparities in found.items():
@@ -110,7 +111,7 @@ def table(title: str, rows: list[dict[str, Any]]) -> Table:
     shown = Table(title=title)
     for column in (
         "",
-        "ms",
+        "processor's ms",
         "times ours",
         "largest difference by stage, px",
         f"more than {LIMIT} px, %",

@@ -415,7 +415,8 @@ def measure_operators(until: float) -> None:
             compiled = f"{milliseconds(lambda: function(*inputs)):.4f}"  # noqa: B023
         speed = work.fewest / ours / 1e6
         print(
-            f"| {work.name} | {work.shape} | {ours:.4f} | {speed:.0f} | {speed / copy:.0%} | {eager:.4f} | {compiled} |",
+            f"| {work.name} | {work.shape} | {ours:.4f} | {speed:.0f} | {speed / copy:.0%} "
+            f"| {eager:.4f} | {compiled} |",
             flush=True,
         )
 

@@ -97,9 +97,13 @@ def median_ms(function: Callable[[], object], seconds: float = 0.5, least: int =
 
 
 def interleaved_ms(
-    functions: Mapping[str, Callable[[], object]], rounds: int = 30, slow: float = 150.0, slow_rounds: int = 5
+    functions: Mapping[str, Callable[[], object]],
+    rounds: int = 30,
+    slow: float = 150.0,
+    slow_rounds: int = 5,
+    clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, list[float]]:
-    """Times of one call each, round by round, after two that do not count.
+    """Times of one call each by the clock, in milliseconds, round by round, after two that do not count.
 
     On a machine whose speed drifts, what is to be compared must be measured in the same seconds: compare entries of one
     round. Functions that take more than `slow` milliseconds are in the first `slow_rounds` rounds only.
@@ -109,10 +113,10 @@ def interleaved_ms(
         for name, function in functions.items():
             if round >= slow_rounds and statistics.median(times[name]) > slow:
                 continue
-            start = time.perf_counter()
+            start = clock()
             function()
             if round >= 0:
-                times[name].append(1000 * (time.perf_counter() - start))
+                times[name].append(1000 * (clock() - start))
     return times
 
 

@@ -7,14 +7,18 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from anynet.data import StereoSample
-from anynet.training.loop import LOG, train
+from anynet.training.batches import batches
+from anynet.training.distributed import Processes
+from anynet.training.loop import LOG, _Run, train
 from anynet.training.recipe import Recipe
 
 SMALL: dict[str, Any] = {
@@ -54,6 +58,13 @@ class Planes(Sequence[StereoSample]):
 
 def log_lines(out: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (out / LOG).read_text().splitlines()]
+
+
+def begun(out: Path, device: str = "cpu", **options: Any) -> tuple[_Run, list[Tensor]]:
+    """A run of small batches, and the first of them."""
+    recipe, group = replace(RECIPE, batch_size=2, **options), Processes(0, 1, torch.device(device))
+    batch = next(batches(Planes(10), recipe, range(1), Processes(0, 1, torch.device("cpu"))))
+    return _Run(recipe, out, Planes(10), {}, group), batch
 
 
 def start(out: Path, launcher: tuple[str, ...] = (), **options: Any) -> subprocess.Popen[str]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from planes import RECIPE, Planes, finish, log_lines, start
+from planes import RECIPE, Planes, begun, finish, log_lines, start
 from safetensors.torch import load_file
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
@@ -26,8 +26,6 @@ from anynet.errors import AnyNetError
 from anynet.model.anynet import AnyNet
 from anynet.model.config import AnyNetConfig, FirstStageConfig
 from anynet.training import loop
-from anynet.training.batches import batches
-from anynet.training.distributed import Processes
 from anynet.training.loop import CHECKPOINT, LOG, WEIGHTS, train
 
 
@@ -74,13 +72,6 @@ def test_a_loss_that_is_not_finite_stops_the_run(tmp_path: Path, monkeypatch: py
     state = torch.load(tmp_path / CHECKPOINT, weights_only=True)
     assert state["step"] == 4
     assert all(tensor.isfinite().all() for tensor in state["model"].values())
-
-
-def begun(out: Path, device: str = "cpu", **options: Any) -> tuple[loop._Run, list[Tensor]]:
-    """A run of small batches, and the first of them."""
-    recipe, group = replace(RECIPE, batch_size=2, **options), Processes(0, 1, torch.device(device))
-    batch = next(batches(Planes(10), recipe, range(1), Processes(0, 1, torch.device("cpu"))))
-    return loop._Run(recipe, out, Planes(10), {}, group), batch
 
 
 @pytest.mark.parametrize("spoiled", ["loss", "gradient"])
@@ -170,7 +161,7 @@ def test_the_average_is_exponential_and_begins_with_the_first_step(tmp_path: Pat
 def test_two_processes_do_not_train_in_one_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = start(tmp_path, steps=100_000)
     try:
-        while not (tmp_path / LOG).exists():
+        while not ((tmp_path / LOG).exists() and log_lines(tmp_path)):  # until its data worker watches it
             assert first.poll() is None
             time.sleep(0.05)
         monkeypatch.setattr(loop, "PATIENCE", 0.1)
