@@ -1,10 +1,11 @@
 """How well a time budget is kept: KITTI-size frames, each with a random budget.
 
-python benchmarks/deadline.py [--weights W] [--frames 1000] [--threads 2] [--busy N] [--json FILE]
+python benchmarks/deadline.py [--weights W] [--frames 1000] [--threads 2] [--busy N] [--passive] [--json FILE]
 
 Counts a frame as late when `Predictor.predict(..., budget_ms=T)` returns later than T + 2 ms, seen from outside. The
 first frames are not left out: the latencies are learned from them. Budgets shorter than the first stage, which is
-always computed, are drawn too. With --busy, N processes that never rest compete for the cores.
+always computed, are drawn too. With --busy, N processes that never rest compete for the cores;
+with --passive, our threads sleep when they wait (`anynet_ext.wait_passively`).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from measure import console, options, pair, write_json
 from rich.table import Table
 
 from anynet import Predictor
+from anynet_ext import wait_passively
 
 TOLERANCE_MS = 2.0
 
@@ -44,11 +46,14 @@ def main() -> None:
     parser.add_argument("--least", type=float, default=5.0, help="shortest budget, ms")
     parser.add_argument("--most", type=float, default=500.0, help="longest budget, ms")
     parser.add_argument("--busy", type=int, default=0, help="processes that compete for the cores")
+    parser.add_argument("--passive", action="store_true", help="threads that wait sleep")
     parser.add_argument("--json", type=Path, help="write the figures here")
     arguments = parser.parse_args()
 
     random = np.random.default_rng(0)
     left, right = pair(375, 1242)
+    if arguments.passive:
+        wait_passively()
     predictor = Predictor(arguments.weights, threads=arguments.threads)
     budgets = random.uniform(arguments.least, arguments.most, arguments.frames)
     stages, overshoots = [], []

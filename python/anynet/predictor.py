@@ -28,7 +28,6 @@ from anynet.model.graphs import GraphedAnyNet
 from anynet.samples import MAX_DISPARITY
 from anynet.scheduler import MAX_THREADS, LatencyTable
 from anynet.shutdown import computing
-from anynet_ext import wait_passively
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 
@@ -209,8 +208,6 @@ class Predictor:
             budget_ms = math.inf
         elif isinstance(budget_ms, bool) or not isinstance(budget_ms, (int, float)) or not budget_ms >= 0:
             raise AnyNetError(f"predict: expected budget_ms >= 0, got {budget_ms!r}")
-        elif self.device.type == "cpu":
-            wait_passively()  # to be in time beside other work
         with inference(self.threads) as threads:
             latencies = self._latencies[frame.kind, threads]
             steps = frame.steps()

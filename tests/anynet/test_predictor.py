@@ -184,17 +184,6 @@ def test_a_budget_decides_the_stage(clockwork: tuple[Predictor, Clockwork]) -> N
     assert predictor.predict(*images, budget_ms=14.1).elapsed_ms == pytest.approx(14)
 
 
-def test_only_a_budget_has_threads_wait_asleep(
-    clockwork: tuple[Predictor, Clockwork], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    calls: list[None] = []
-    monkeypatch.setattr("anynet.predictor.wait_passively", lambda: calls.append(None))
-    clockwork[0].predict(*pair(16, 16))
-    assert not calls
-    clockwork[0].predict(*pair(16, 16), budget_ms=9)
-    assert calls
-
-
 def test_the_first_frame_of_a_size_keeps_its_budget_too(clockwork: tuple[Predictor, Clockwork]) -> None:
     predictor, _ = clockwork
     assert predictor.predict(*pair(16, 16), budget_ms=9).stage == 1  # a stage unknown may take as long as all before
