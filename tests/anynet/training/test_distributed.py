@@ -32,7 +32,8 @@ def test_two_processes_equal_one(tmp_path: Path, stage_weights: tuple[int, ...])
 
 
 @pytest.mark.slow
-def test_two_hosts_go_on_after_a_process_was_killed(tmp_path: Path) -> None:
+def test_two_hosts_go_on_after_a_process_was_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TORCH_DISABLE_SHARE_RDZV_TCP_STORE", "1")  # docs/training.md says why
     with socket.socket() as free:
         free.bind(("localhost", 0))
         endpoint = f"--rdzv-endpoint=localhost:{free.getsockname()[1]}"
