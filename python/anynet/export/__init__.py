@@ -7,6 +7,7 @@ Each has two inputs, `left` and `right`, uint8 RGB [H, W, 3], and an output per 
 from __future__ import annotations
 
 import logging
+import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,20 +15,24 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from anynet.errors import AnyNetError
+
 if TYPE_CHECKING:
     from anynet.export.network import Request
 
 FORMATS = ("onnx", "pt2", "aoti")
 
 
-def export_as(format: str, request: Request, path: Path) -> None:
+def export_as(format: str, request: Request, path: str | os.PathLike[str]) -> None:
     """Writes the network in one of `FORMATS`.
 
     Raises:
-        AnyNetError: if the request cannot be met, or what the format needs is not installed.
+        AnyNetError: if there is no such format, the request cannot be met, or what the format needs is not installed.
     """
+    if format not in FORMATS:
+        raise AnyNetError(f"export: expected format {', '.join(FORMATS)}, got {format!r}")
     with _quiet():
-        getattr(import_module(f"anynet.export.{format}"), f"export_{format}")(request, path)
+        getattr(import_module(f"anynet.export.{format}"), f"export_{format}")(request, Path(path))
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import torch
 from networks import wild
 
 from anynet import AnyNetConfig, AnyNetError, save_checkpoint
+from anynet.export import export_as
 from anynet.export.network import Request, smallest_side, trace
 from anynet.model import presets
 
@@ -32,6 +33,11 @@ def test_other_input_scales_are_refused(tmp_path: Path) -> None:
     save_checkpoint(tmp_path / "half.safetensors", wild(AnyNetConfig(input_scale=0.5)))
     with pytest.raises(AnyNetError, match=r"expected weights of input_scale 1 or 2, got 0\.5"):
         trace(Request(tmp_path / "half.safetensors", 64, 64))
+
+
+def test_formats_that_there_are_not(tmp_path: Path) -> None:
+    with pytest.raises(AnyNetError, match="export: expected format onnx, pt2, aoti, got 'network'"):
+        export_as("network", Request("paper", 64, 64), str(tmp_path / "a.pt2"))
 
 
 def test_smallest_sides() -> None:
