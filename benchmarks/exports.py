@@ -73,7 +73,7 @@ def _openvino(path: Path, images: Images, threads: int) -> Callable[[], Disparit
     return lambda: list(request.infer(images).values())
 
 
-def in_double_precision(weights: str, images: Images) -> list[NDArray[np.float64]]:
+def in_double_precision(weights: str | Path, images: Images) -> list[NDArray[np.float64]]:
     left, right = (normalize(torch.from_numpy(image).permute(2, 0, 1)[None].double()) for image in images)
     with torch.inference_mode():
         return [disparity[0, 0].numpy() for disparity in load_checkpoint(weights).double().eval()(left, right)]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from anynet.cli.sources import Size, Slop, Topic, Topics, named_topics, open_source, size_of
+from anynet.cli.sources import Size, Slop, Topic, Topics, open_source
 from anynet.cli.stopping import stopping
 from anynet.cli.told import tell, tell_warnings
 from anynet.errors import AnyNetError
@@ -87,7 +87,7 @@ def calibrate(
         raise AnyNetError(f"expected --board COLUMNSxROWS such as 9x6, got {board}")
     target = Board(int(columns), int(rows), square, charuco, dictionary)
 
-    source = open_source(left, right, split=split, size=size_of(size), topics=named_topics(topics, topic), slop=slop)
+    source = open_source(left, right, split=split, size=size, topics=topics, topic=topic, slop=slop)
     tell_warnings(source.warnings)
     moving = not isinstance(source, ImageFiles)
     found: list[View] = []

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from anynet.cli.told import collected_warnings, tell_warnings
 from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
@@ -140,9 +141,16 @@ class CameraOptions:
 
         return Calibration(**numbers, origin="options")
 
-    def of_source(self, named: Path, source: Source) -> Calibration | StereoRig | None:
-        """The calibration for a source of frames, of that name; its own, if the options give none."""
-        return self.read(named, source.size if self.calib else None) or source.calibration
+    def for_source(self, named: str, source: Source, input_scale: float | None) -> tuple[PairPreparation, list[str]]:
+        """What is done to every pair of a source of frames, of that name; and what was warned of, which is told.
+
+        Its own calibration counts if the options give none.
+        """
+        with collected_warnings() as told:
+            cameras = self.read(Path(named), source.size if self.calib else None) or source.calibration
+        prepare = self.preparation(cameras, input_scale)
+        tell_warnings([*source.warnings, *told])
+        return prepare, told
 
     def preparation(self, cameras: Calibration | StereoRig | None, input_scale: float | None) -> PairPreparation:
         """What is done to every pair of these cameras."""

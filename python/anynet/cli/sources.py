@@ -35,19 +35,15 @@ _BAGS = {".bag", ".mcap", ".db3"}
 _FORMAT = "expected a size like 1280x720"
 
 
-def named_topics(topics: tuple[str, str] | None, topic: str | None) -> tuple[str, ...]:
-    """What --topics and --topic name, for `open_source`."""
-    return (topics or ()) if topic is None else (topic,)
-
-
 def open_source(
     source: str,
     right: str | None = None,
     *,
     split: bool = False,
     rate: float | None = None,
-    size: tuple[int, int] | None = None,
-    topics: tuple[str, ...] = (),
+    size: str | None = None,
+    topics: tuple[str, str] | None = None,
+    topic: str | None = None,
     slop: float = 0.01,
     reconnect: float = 10.0,
 ) -> Source:
@@ -59,8 +55,9 @@ def open_source(
         right: the same for the right images, unless `source` has both.
         split: `source` has both images side by side.
         rate: frames per second; see `Stream`, `Capture`, `ImageFiles`.
-        size: width and height that cameras are asked for.
-        topics, slop: see `Recording`.
+        size: WIDTHxHEIGHT that cameras are asked for.
+        topics: of a recording, left and right; see `Recording`, as for `slop`.
+        topic: of a recording that is `split`, in their place.
         reconnect: see `Capture`.
 
     Raises:
@@ -68,6 +65,8 @@ def open_source(
     """
     from anynet.streams import Capture, ImageFiles, Recording
 
+    asked = size_of(size)
+    named = (topics or ()) if topic is None else (topic,)
     if rate is not None and not 0 < rate <= 1000:
         raise AnyNetError(f"expected a rate above 0, up to 1000 frames per second, got {rate:g}")
     if split and right is not None:
@@ -75,8 +74,8 @@ def open_source(
     if _is_recording(source):
         if right is not None:
             raise AnyNetError(f"expected no RIGHT beside the recording {source}, which has both; see --topics")
-        return Recording(source, topics, split, slop)
-    if topics:
+        return Recording(source, named, split, slop)
+    if named:
         raise AnyNetError(f"--topics belongs to ROS bags and MCAP files, got {source}")
     if not split and right is None:
         raise AnyNetError(
@@ -87,7 +86,7 @@ def open_source(
     if any(live) != all(live):
         raise AnyNetError(f"expected two live sources or two recorded ones, got {' and '.join(names)}")
     if live[0]:
-        return Capture(names, True, rate, size, reconnect)
+        return Capture(names, True, rate, asked, reconnect)
     if any(_is_images(name) for name in names):
         pairs, alone = find_pairs(source, source if right is None else right)
         found = ImageFiles([(p.name, p.left, None if right is None else p.right) for p in pairs], rate)

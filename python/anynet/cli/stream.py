@@ -16,9 +16,9 @@ import typer
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.network import BudgetMs, Device, InputScale, Precision, Stage, Threads, Weights
 from anynet.cli.results import DepthFiles, DepthFormat, DisparityFile, Format, Writer, file_ids
-from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, named_topics, open_source, size_of
+from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source
 from anynet.cli.stopping import stopping
-from anynet.cli.told import collected_warnings, tell_warnings
+from anynet.cli.told import tell_warnings
 from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
 from anynet.cli.view import show
 from anynet.errors import AnyNetError
@@ -110,23 +110,13 @@ def stream(
 
     from anynet.streams import Recorder, Stream, Video
 
-    with ExitStack() as stack:
-        opened = stack.enter_context(
-            open_source(
-                source,
-                right,
-                split=split,
-                rate=rate,
-                size=size_of(size),
-                topics=named_topics(topics, topic),
-                slop=slop,
-                reconnect=reconnect,
-            )
-        )
-        with collected_warnings() as told:
-            calibration = cameras.of_source(Path(source), opened)
-        prepare = cameras.preparation(calibration, input_scale)
-        tell_warnings([*opened.warnings, *told])
+    with (
+        open_source(
+            source, right, split=split, rate=rate, size=size, topics=topics, topic=topic, slop=slop, reconnect=reconnect
+        ) as opened,
+        ExitStack() as stack,
+    ):
+        prepare, told = cameras.for_source(source, opened, input_scale)
         if view:
             saved = out or Path("anynet-view")
             show(opened, prepare, weights, input_scale, device, precision, threads, saved, rate=rate)

@@ -9,9 +9,8 @@ import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.network import Device, Precision, Threads
-from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, named_topics, open_source, size_of
+from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source
 from anynet.cli.stopping import stopping
-from anynet.cli.told import collected_warnings, tell_warnings
 
 if TYPE_CHECKING:
     from anynet.camera import PairPreparation
@@ -49,19 +48,9 @@ def view(
     Needs viser: pip install 'anynet[view]'. Ctrl-C ends it.
     """
     with open_source(
-        source,
-        right,
-        split=split,
-        rate=rate,
-        size=size_of(size),
-        topics=named_topics(topics, topic),
-        slop=slop,
-        reconnect=reconnect,
+        source, right, split=split, rate=rate, size=size, topics=topics, topic=topic, slop=slop, reconnect=reconnect
     ) as opened:
-        with collected_warnings() as told:
-            calibration = cameras.of_source(Path(source), opened)
-        prepare = cameras.preparation(calibration, input_scale)
-        tell_warnings([*opened.warnings, *told])
+        prepare, _ = cameras.for_source(source, opened, input_scale)
         show(opened, prepare, weights, input_scale, device, precision, threads, out, host, port, rate)
 
 

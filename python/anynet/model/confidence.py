@@ -14,7 +14,8 @@ from anynet.errors import AnyNetError, one_line
 from anynet.io.files import read_text, write_atomically
 from anynet.model.deploy import DeployedAnyNet, StageResult, sum_at
 from anynet.model.graphs import GraphedAnyNet
-from anynet_ext import reference, warp
+from anynet.model.refinement import warped_difference
+from anynet_ext import reference
 
 _ops = torch.ops.anynet
 
@@ -67,7 +68,7 @@ def gather_evidence(
     small_left, small_right = (
         _ops.read_image.default(image, refinement.mean, refinement.std, scale, 1, *size) for image in (left, right)
     )
-    error = (warp(small_right, disparity[None, None] / scale) - small_left).abs().mean(1)
+    error = warped_difference(small_left, small_right, disparity[None, None] / scale).abs().mean(1)
     texture = (small_left[0, :, :, 2:] - small_left[0, :, :, :-2]).abs().mean(0)
     lengths = [disparity.clamp(min=0), _variation(disparity), behind, outside, *deviations]
     lengths += [(disparity - other).abs() for other in before]
@@ -163,4 +164,5 @@ _FIELDS = ("single", "checked")
 
 def view_difference(disparity: Tensor, other: Tensor) -> Tensor:
     """The other view's disparity [H, W] where each pixel lands, less the pixel's own; outside, minus its own."""
-    return warp(other[None, None], disparity[None, None])[0, 0] - disparity
+    own = disparity[None, None]
+    return warped_difference(own, other[None, None], own)[0, 0]

@@ -139,7 +139,7 @@ class DeployedRefinement(nn.Module):
             return seen
         assert small is not None
         disparity = disparity / self.finest
-        return torch.cat([seen, warp(read(right), disparity) - small, disparity], 1)
+        return torch.cat([seen, warped_difference(small, read(right), disparity), disparity], 1)
 
 
 def largest(scans: list[Tensor]) -> Tensor:
@@ -149,7 +149,12 @@ def largest(scans: list[Tensor]) -> Tensor:
 
 def warp_error(left: Tensor, right: Tensor, disparity: Tensor) -> list[Tensor]:
     """How the right image, warped, differs from the left one, [N, 3, H, W]; and the disparity, scaled, [N, 1, H, W]."""
-    return [warp(right, disparity) - left, disparity / DISPARITY_SCALE]
+    return [warped_difference(left, right, disparity), disparity / DISPARITY_SCALE]
+
+
+def warped_difference(left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
+    """The right image, warped by the disparity, less the left one."""
+    return warp(right, disparity) - left
 
 
 def bilinear_logits() -> Tensor:

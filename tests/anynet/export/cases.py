@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from anynet import AnyNetConfig, Predictor, load_checkpoint
+from anynet import AnyNetConfig, Predictor
 from anynet.checkpoint import PACKAGED
 from anynet.model import presets
-from anynet.model.anynet import normalize
 
 WEIGHTS = sorted(file.stem for file in PACKAGED.glob("*.safetensors"))
 # Each with an option that no packaged weights have, on networks that are small otherwise.
@@ -49,10 +47,3 @@ class Pair:
 
     def disparities(self, weights: str | Path) -> list[NDArray[np.float32]]:
         return [estimate.disparity for estimate in Predictor(weights).stages(self.left, self.right)]
-
-    def in_double_precision(self, weights: str | Path) -> list[NDArray[np.float64]]:
-        left, right = (
-            normalize(torch.from_numpy(image).permute(2, 0, 1)[None].double()) for image in (self.left, self.right)
-        )
-        with torch.inference_mode():
-            return [disparity[0, 0].numpy() for disparity in load_checkpoint(weights).double().eval()(left, right)]

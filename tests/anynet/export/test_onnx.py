@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from exports import in_double_precision
 from networks import wild
 from numpy.typing import NDArray
 
@@ -31,7 +32,7 @@ def assert_close(
     found: list[NDArray[np.float32]], expected: list[NDArray[np.float32]], weights: str | Path, pair: Pair
 ) -> None:
     """Within the limit, or, at few pixels, as close as the predictor itself is to the network in double precision."""
-    exact = pair.in_double_precision(weights)
+    exact = in_double_precision(weights, [pair.left, pair.right])
     assert len(found) == len(expected)
     for one, other, ideal in zip(found, expected, exact[: len(expected)], strict=True):
         difference = np.abs(one - other)
