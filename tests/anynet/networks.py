@@ -35,3 +35,20 @@ def pair(height: int, width: int, batch: int = 1) -> tuple[Tensor, Tensor]:
     generator = torch.Generator().manual_seed(height * width)
     left, right = (torch.randn(batch, 3, height, width, generator=generator) for _ in range(2))
     return left, right
+
+
+def trained(module: nn.Module) -> nn.Module:
+    """With batch norms that do something, and weights that begin as 0 random."""
+    torch.manual_seed(1)
+    for part in module.modules():
+        if isinstance(part, (nn.BatchNorm2d, nn.BatchNorm3d)):
+            for tensor in (part.weight, part.bias, part.running_mean):
+                nn.init.normal_(tensor)  # type: ignore[arg-type]
+            nn.init.uniform_(part.running_var, 0.5, 2)  # type: ignore[arg-type]
+        elif isinstance(part, Convolution):
+            nn.init.normal_(part.weight, std=0.3)
+    return module.eval()
+
+
+def picture(*shape: int) -> Tensor:
+    return torch.randn(shape, generator=torch.Generator().manual_seed(sum(shape)))

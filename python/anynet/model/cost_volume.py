@@ -8,7 +8,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from anynet.model.layers import Affine, Hourglass, PreActivation
+from anynet.model.chains import Hourglass
+from anynet.model.layers import Affine, PreActivation
 from anynet_ext import cost_volume, warp
 
 _ops = torch.ops.anynet

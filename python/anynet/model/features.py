@@ -8,8 +8,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from anynet.model.chains import chain, deploy_chain, run
 from anynet.model.config import MEAN, STD, FeaturesConfig
-from anynet.model.layers import Convolution, PreActivation, affine_of, chain, deploy_chain, in_pairs, run
+from anynet.model.layers import Convolution, PreActivation, affine_of, in_pairs
 from anynet_ext import resize
 
 _ops = torch.ops.anynet

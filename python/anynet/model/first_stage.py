@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from anynet.model.chains import DeployedUpsampleAdd, Hourglass, deploy_chain, run, upsample_add
 from anynet.model.config import AnyNetConfig
 from anynet.model.cost_volume import (
     DeployedCostVolume,
@@ -13,15 +14,7 @@ from anynet.model.cost_volume import (
     cost_network,
     group_cost_volume,
 )
-from anynet.model.layers import (
-    DeployedUpsampleAdd,
-    Hourglass,
-    PreActivation,
-    affine_of,
-    deploy_chain,
-    run,
-    upsample_add,
-)
+from anynet.model.layers import PreActivation, affine_of
 from anynet_ext import soft_argmin
 
 _ops = torch.ops.anynet

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Iterable
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet_ext import batch_norm_relu, conv3x3, conv3x3x3, reference, resize
+from anynet_ext import batch_norm_relu, conv3x3, conv3x3x3, reference
 
 # The operators themselves: what deployed layers pass to them needs none of the checks of their Python functions.
 _ops = torch.ops.anynet
@@ -241,107 +240,3 @@ def affine_of(norm: nn.Module) -> Affine:
     assert norm.running_mean is not None
     scale = norm.weight / torch.sqrt(norm.running_var + norm.eps)
     return scale.detach(), (norm.bias - scale * norm.running_mean).detach()
-
-
-def chain(channels: list[int]) -> nn.Sequential:
-    return nn.Sequential(*(PreActivation(i, o) for i, o in pairwise(channels)))
-
-
-class Hourglass(nn.Module):
-    """Adds to a volume or picture what its surroundings say: halved in all dimensions, looked at, and enlarged again.
-
-    Begins as the identity. Inside, it has `inner` channels, on every level.
-    """
-
-    def __init__(self, channels: int, inner: int, levels: int, guide: int = 0, *, dims: int = 3) -> None:
-        super().__init__()
-        self.down = PreActivation(channels, inner, dims=dims, stride=2)
-        self.inner = nn.Sequential(PreActivation(inner, inner, dims=dims, guide=guide))
-        if levels > 1:
-            self.inner.append(Hourglass(inner, inner, levels - 1, guide, dims=dims))
-        self.up = PreActivation(inner, channels, dims=dims)
-        nn.init.zeros_(self.up.conv.weight)
-
-    def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
-        return upsample_add(x, self.up(run(self.inner, self.down(x), _halved(guide))))
-
-    def deploy(self, affine_out: Affine) -> DeployedHourglass:
-        """With the norm and ReLU of the layer after it."""
-        return DeployedHourglass(deploy_chain([self.down, *self.inner, self.up]), affine_out)
-
-
-class DeployedHourglass(nn.Module):
-    """relu(scale (x + what its layers say, enlarged) + shift)."""
-
-    def __init__(self, layers: nn.ModuleList, affine: Affine) -> None:
-        super().__init__()
-        self.layers, self.add = layers, DeployedUpsampleAdd(affine)
-
-    def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
-        out: Tensor = self.add(x, run(self.layers, x, _halved(guide)))
-        return out
-
-
-def _halved(guide: Tensor | None) -> Tensor | None:
-    """The guide in the size of the volume halved; a window at an odd side's end repeats its last row or column.
-
-    `ceil_mode` would say the same, but `torch.export` cannot solve its guards for every size.
-    """
-    return None if guide is None else F.avg_pool2d(F.pad(guide, (0, 1, 0, 1), "replicate"), 2)
-
-
-def upsample_add(x: Tensor, coarse: Tensor) -> Tensor:
-    """`x` [N, C, (D,) H, W] plus the volume or picture [N, C, (d,) h, w], linear, in its size."""
-    if x.dim() == 4:
-        return resize(coarse, (x.shape[2], x.shape[3]), add=x)
-    n, c, depth, height, width = x.shape
-    planes = resize(coarse.flatten(1, 2), (height, width)).view(n, c, -1, height * width)
-    return resize(planes, (depth, height * width), add=x.view(n, c, depth, -1)).view_as(x)
-
-
-class DeployedUpsampleAdd(nn.Module):
-    """relu(scale `upsample_add(x, coarse)` + shift)."""
-
-    scale: Tensor
-    shift: Tensor
-
-    def __init__(self, affine: Affine) -> None:
-        super().__init__()
-        self.register_buffer("scale", affine[0])
-        self.register_buffer("shift", affine[1])
-
-    def forward(self, x: Tensor, coarse: Tensor) -> Tensor:
-        if x.dim() == 4:
-            out: Tensor = self(x[:, :, None], coarse[:, :, None])[:, :, 0]
-            return out
-        out = _ops.upsample_add.default(x, coarse, self.scale, self.shift)
-        return out
-
-
-def run(layers: Iterable[Callable[..., Tensor]], x: Tensor, guide: Tensor | None = None) -> Tensor:
-    """Layers one after another; `guide` [N, C, H, W] is for those that have an excitation."""
-    for layer in layers:
-        x = layer(x, guide) if isinstance(layer, _GUIDED) else layer(x)
-    return x
-
-
-_GUIDED = PreActivation, Hourglass, DeployedExcitation, DeployedHourglass
-
-
-def deploy_chain(layers: Sequence[nn.Module], *, activated: bool = False) -> nn.ModuleList:
-    """Pre-activation layers and hourglasses, deployed: each norm goes into the layer before it.
-
-    Args:
-        activated: the input has been through the first norm and ReLU; otherwise they go into the first layer.
-    """
-    deployed = nn.ModuleList()
-    for layer, following in pairwise([*layers, None]):
-        if isinstance(layer, Hourglass):
-            assert isinstance(following, PreActivation)
-            deployed.append(layer.deploy(affine_of(following.norm)))
-        else:
-            assert isinstance(layer, PreActivation)
-            affine_in = None if activated or len(deployed) else affine_of(layer.norm)
-            affine_out = affine_of(following.norm) if isinstance(following, PreActivation) else None
-            deployed.append(layer.deploy(affine_in, affine_out))
-    return deployed

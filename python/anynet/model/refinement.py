@@ -8,8 +8,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from anynet.model.chains import run
 from anynet.model.config import MEAN, STD, RefinementConfig
-from anynet.model.layers import Convolution, in_pairs, init_normal, run
+from anynet.model.layers import Convolution, in_pairs, init_normal
 from anynet_ext import reference, resize, spatial_propagation, warp
 
 _ops = torch.ops.anynet

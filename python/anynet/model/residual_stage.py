@@ -5,9 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from anynet.model.chains import chain, deploy_chain, run
 from anynet.model.config import AnyNetConfig
 from anynet.model.cost_volume import DeployedCostVolume, Distribution, begin_undecided, cost_network, group_cost_volume
-from anynet.model.layers import PreActivation, affine_of, chain, deploy_chain, in_pairs, run
+from anynet.model.layers import PreActivation, affine_of, in_pairs
 from anynet_ext import cost_volume, reference, soft_argmin
 
 _ops = torch.ops.anynet

@@ -3,8 +3,8 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from anynet.model.chains import Hourglass
 from anynet.model.cost_volume import cost_network
-from anynet.model.layers import Hourglass
 
 
 def test_the_hourglass_begins_as_the_identity_and_reaches_far() -> None:

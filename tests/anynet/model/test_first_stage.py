@@ -10,10 +10,11 @@ from torch import nn
 
 from anynet import AnyNet, AnyNetConfig
 from anynet.model.anynet import normalize
+from anynet.model.chains import Hourglass
 from anynet.model.config import FeaturesConfig, FirstStageConfig, ResidualStagesConfig
 from anynet.model.deploy import DeployedAnyNet
 from anynet.model.first_stage import FlatFirstStage
-from anynet.model.layers import Convolution, Hourglass, PreActivation
+from anynet.model.layers import Convolution, PreActivation
 
 
 def test_fine_costs_and_excitation_begin_as_the_identity(wild_model: AnyNet) -> None:

@@ -3,37 +3,10 @@ from __future__ import annotations
 import pytest
 import torch
 import torch.nn.functional as F
-from torch import Tensor, nn
+from networks import picture, trained
+from torch import nn
 
-from anynet.model.layers import (
-    Convolution,
-    Hourglass,
-    PreActivation,
-    affine_of,
-    chain,
-    deploy_chain,
-    few_channels,
-    norm_relu,
-    run,
-    upsample_add,
-)
-
-
-def trained(module: nn.Module) -> nn.Module:
-    """With batch norms that do something, and weights that begin as 0 random."""
-    torch.manual_seed(1)
-    for part in module.modules():
-        if isinstance(part, (nn.BatchNorm2d, nn.BatchNorm3d)):
-            for tensor in (part.weight, part.bias, part.running_mean):
-                nn.init.normal_(tensor)  # type: ignore[arg-type]
-            nn.init.uniform_(part.running_var, 0.5, 2)  # type: ignore[arg-type]
-        elif isinstance(part, Convolution):
-            nn.init.normal_(part.weight, std=0.3)
-    return module.eval()
-
-
-def picture(*shape: int) -> Tensor:
-    return torch.randn(shape, generator=torch.Generator().manual_seed(sum(shape)))
+from anynet.model.layers import Convolution, affine_of, few_channels, norm_relu
 
 
 @pytest.mark.parametrize("dims", [2, 3])
@@ -52,36 +25,6 @@ def test_a_convolution_folds_what_surrounds_it(dims: int, channels: tuple[int, i
     deployed = conv.deploy(affine_of(before), affine_of(after), relu_out=True)
     torch.testing.assert_close(deployed(x), expected, rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(conv.deploy()(x), conv(x), rtol=1e-4, atol=1e-4)
-
-
-@pytest.mark.parametrize("activated", [False, True])
-@torch.no_grad()
-def test_a_chain_is_deployed(activated: bool) -> None:
-    layers = trained(chain([3, 4, 6, 2]))
-    assert isinstance(layers, nn.Sequential)
-    x = picture(1, 3, 8, 20)
-    seen = F.relu(layers[0].norm(x)) if activated else x  # type: ignore[operator]
-    deployed = deploy_chain(list(layers), activated=activated)
-    torch.testing.assert_close(run(deployed, seen), layers(x), rtol=1e-4, atol=1e-4)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("levels", [1, 2])
-@torch.no_grad()
-def test_an_hourglass_with_excitation_is_deployed(levels: int) -> None:
-    layers = trained(
-        nn.Sequential(PreActivation(2, 4, dims=3), Hourglass(4, 8, levels, guide=3), PreActivation(4, 1, dims=3))
-    )
-    assert isinstance(layers, nn.Sequential)
-    x, guide = picture(1, 2, 6, 9, 11), picture(1, 3, 9, 11)
-    expected = run(layers, x, guide)
-    assert not torch.allclose(expected, run(layers, x, 0 * guide), atol=1e-2)
-    deployed = deploy_chain(list(layers))
-    torch.testing.assert_close(run(deployed, x, guide), expected, rtol=1e-4, atol=1e-4)  # type: ignore[arg-type]
-
-
-def test_upsample_add_is_trilinear() -> None:
-    x, coarse = picture(2, 3, 6, 10, 14), picture(2, 3, 3, 5, 7)
-    torch.testing.assert_close(upsample_add(x, coarse), x + F.interpolate(coarse, scale_factor=2, mode="trilinear"))
 
 
 @pytest.mark.parametrize("dims", [2, 3])
