@@ -12,7 +12,7 @@ kitti=${2:-${KITTI:?expected the folder of KITTI 2015}}
 anynet render --out "$out/pairs" --count "${PAIRS:-112}" --seed 700000
 # Eight times each, 28 pairs are two thirds of the crops.
 set -- --data "rendered:$out/pairs"
-for _ in 1 2 3 4 5 6 7 8; do set -- "$@" --data "kitti2015:$kitti?truth=occ&without=$kitti/val.txt"; done
+for _ in 1 2 3 4 5 6 7 8; do set -- "$@" --data "kitti2015:$kitti?without=$kitti/val.txt"; done
 # Real rigs need many steps at a rate of 1e-3 (1,000 at 5e-4 brought `large` half of the way), and stage 1, which no later
 # one mends, a weight of 1. The average over the last steps evens out the statistics of batches of 3.
 anynet finetune --preset kitti --weights "${LARGE:-large}" --steps "${STEPS:-1500}" --seed 12 --perturb \
