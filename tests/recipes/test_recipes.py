@@ -23,6 +23,7 @@ KITTI = RECIPES.parent / ".." / "shared" / "data" / "kitti2015"
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1300)
 @pytest.mark.parametrize("script", sorted(RECIPES.glob("*.sh")), ids=lambda script: script.stem)
 def test_a_recipe_makes_weights(script: Path, tmp_path: Path) -> None:
     if script.stem == "kitti" and not KITTI.exists():
