@@ -23,7 +23,7 @@ from anynet.checkpoint import find_weights
 from anynet.data import Dataset, open_dataset
 from anynet.evaluation.evaluate import region_mask
 from anynet.evaluation.metrics import within_d1
-from anynet.model.confidence import PIXEL, ConfidenceModel, gather_evidence, view_difference
+from anynet.model.confidence import PIXEL, ConfidenceModel, gather_evidence, surroundings, view_difference
 from anynet.model.deploy import DeployedAnyNet, sum_at
 
 Pixels = tuple[Tensor, Tensor]  # evidence [M, F + 1], the last of the left-right check; whether they are right [M]
@@ -46,7 +46,11 @@ def collect(network: DeployedAnyNet, samples: Dataset, per_pair: int) -> list[Pi
             disparity = result()
             evidence = gather_evidence(network, result, left, right)
             difference = view_difference(disparity, other().flip(1)).abs()
-            maps = [sum_at([channel], [evidence.scale], size) for channel in evidence.channels]
+            maps = [
+                sum_at([channel], [side * evidence.scale], size)
+                for channels, side in surroundings(evidence.channels)
+                for channel in channels
+            ]
             rows = torch.stack([*maps, (difference + PIXEL).log()])[:, ys, xs].T
             right_ones = within_d1(disparity.numpy()[ys, xs], truth)
             pixels.append((rows.double(), torch.from_numpy(right_ones).double()))

@@ -6,10 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 
 from anynet import AnyNetError, Predictor
 from anynet.checkpoint import PACKAGED
-from anynet.model.confidence import ConfidenceModel, evidence_count, gather_evidence
+from anynet.model.confidence import (
+    BLOCKS,
+    PIXEL,
+    PLACE,
+    ConfidenceModel,
+    Evidence,
+    coefficient_count,
+    evidence_count,
+    gather_evidence,
+    surroundings,
+)
 from anynet.model.cost_volume import Distribution
 
 
@@ -82,6 +93,40 @@ def test_evidence_of_any_size(weights: str, height: int, width: int) -> None:
             assert evidence.channels.isfinite().all()
 
 
+def test_surroundings() -> None:
+    channels = torch.rand(7, 33, 50, generator=torch.Generator().manual_seed(0))
+    (own, one), *blocks = surroundings(channels)
+    assert (own is channels, one) == (True, 1)
+    assert [side for _, side in blocks] == list(BLOCKS)
+    for means, side in blocks:
+        inside = means[:, : 33 // side, : 50 // side]
+        torch.testing.assert_close(inside, F.avg_pool2d(channels[PLACE:], side))
+        assert means.shape == (7 - PLACE, -(-33 // side), -(-50 // side))
+
+
+def test_probability_is_a_regression_on_the_surroundings() -> None:
+    generator = torch.Generator().manual_seed(0)
+    evidence = Evidence(torch.rand(6, 5, 7, generator=generator), torch.zeros(5, 7), 8)
+    coefficients = torch.randn(6 + 2 * (6 - PLACE) + 2, generator=generator)
+    difference = torch.rand(37, 51, generator=generator)
+    parts = surroundings(evidence.channels)
+    logit, first = coefficients[-1] * torch.ones(5, 7), 0
+    for channels, side in parts:
+        part = (coefficients[first : first + len(channels), None, None] * channels).sum(0)
+        logit = logit + enlarged(part, side, (5, 7))
+        first += len(channels)
+    checked = enlarged(logit, 8, (37, 51)) + coefficients[-2] * (difference + PIXEL).log()
+    single = torch.cat([coefficients[:-2], coefficients[-1:]])
+    model = ConfidenceModel([single], [coefficients])
+    torch.testing.assert_close(model.probability(1, evidence, (37, 51)), enlarged(logit.sigmoid(), 8, (37, 51)))
+    torch.testing.assert_close(model.probability(1, evidence, (37, 51), difference), checked.sigmoid())
+
+
+def enlarged(x: torch.Tensor, factor: int, size: tuple[int, int]) -> torch.Tensor:
+    out = F.interpolate(x[None, None], scale_factor=factor, mode="bilinear")[0, 0]
+    return out[: size[0], : size[1]]
+
+
 def test_packaged_weights_have_models() -> None:
     for file in PACKAGED.glob("*.safetensors"):
         ConfidenceModel.read(file.with_suffix(".confidence.json"), 4)
@@ -112,7 +157,7 @@ def test_models_of_other_networks(tmp_path: Path) -> None:
 
 def test_model_round_trip(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    models = [[torch.randn(evidence_count(k, k == 2) + more) for k in (1, 2)] for more in (1, 2)]
+    models = [[torch.randn(coefficient_count(k, k == 2) + more) for k in (1, 2)] for more in (1, 2)]
     ConfidenceModel(*models).write(tmp_path / "x.json")
     read = ConfidenceModel.read(tmp_path / "x.json", 2)
     for ours, theirs in ((models[0], read.single), (models[1], read.checked)):
