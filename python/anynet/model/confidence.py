@@ -52,9 +52,9 @@ def evidence_count(stage: int, last: bool) -> int:
 
 
 def coefficient_count(stage: int, last: bool) -> int:
-    """Of the evidence on a stage and its means over the blocks."""
+    """Of the evidence on a stage, its products and its means over the blocks."""
     count = evidence_count(stage, last)
-    return count + len(BLOCKS) * (count - PLACE)
+    return count + count * (count + 1) // 2 + len(BLOCKS) * (count - PLACE)
 
 
 def gather_evidence(
@@ -96,9 +96,15 @@ def gather_evidence(
     return Evidence(channels.log_(), torch.maximum(behind, outside) * pixel, scale)
 
 
+def products(channels: Tensor) -> Tensor:
+    """[F (F + 1) / 2, h, w]: of the channels [F, h, w], each with itself and all after it."""
+    first, second = torch.triu_indices(len(channels), len(channels), device=channels.device)
+    return channels[first] * channels[second]
+
+
 def surroundings(channels: Tensor) -> list[tuple[Tensor, int]]:
-    """The channels [F, h, w], then all but the first `PLACE` averaged over blocks; each with its block's side."""
-    parts = [(channels, 1)]
+    """Of channels [F, h, w] all but the first `PLACE`, averaged over blocks; each with its block's side."""
+    parts = []
     means, before = channels[PLACE:], 1
     for side in BLOCKS:
         means, before = block_means(means, side // before), side
@@ -120,7 +126,7 @@ class ConfidenceModel:
     """The regressions' coefficients, stage by stage.
 
     Attributes:
-        single: per stage, of the evidence, of its means over the blocks, and the constant.
+        single: per stage, of the evidence, of its products, of its means over the blocks, and the constant.
         checked: the same, with that of the difference to the right view's disparity before the constant.
     """
 
@@ -152,7 +158,7 @@ class ConfidenceModel:
 
     def write(self, path: Path) -> None:
         content = {name: [[round(float(v), 5) for v in row] for row in getattr(self, name)] for name in _FIELDS}
-        write_atomically(path, (json.dumps(content, indent=1) + "\n").encode())
+        write_atomically(path, (json.dumps(content) + "\n").encode())
 
     def probability(
         self, stage: int, evidence: Evidence, size: tuple[int, int], difference: Tensor | None = None
@@ -165,14 +171,19 @@ class ConfidenceModel:
             difference: [H, W], pixels, of the right view's disparity; None: not known.
         """
         coefficients = (self.single if difference is None else self.checked)[stage - 1]
-        parts = surroundings(evidence.channels)
-        counts = [len(channels) for channels, _ in parts]
-        maps = [
-            (weights @ channels.flatten(1)).view(channels.shape[1:])
-            for weights, (channels, _) in zip(torch.split(coefficients[: sum(counts)], counts), parts, strict=True)
+        channels, means = evidence.channels.flatten(1), surroundings(evidence.channels)
+        count = len(channels)
+        counts = [count, count * (count + 1) // 2, *(len(part) for part, _ in means)]
+        linear, quadratic, *around = torch.split(coefficients[: sum(counts)], counts)
+        form = channels.new_zeros(count, count)
+        first, second = torch.triu_indices(count, count, device=form.device)
+        form[first, second] = quadratic
+        own = linear @ channels + (channels * (form @ channels)).sum(0) + coefficients[-1]
+        maps = [own.view(evidence.hidden.shape)]
+        maps += [
+            (weights @ part.flatten(1)).view(part.shape[1:]) for weights, (part, _) in zip(around, means, strict=True)
         ]
-        maps[0] += coefficients[-1]
-        logit = sum_at(maps, [side for _, side in parts], evidence.hidden.shape)
+        logit = sum_at(maps, [1, *BLOCKS], evidence.hidden.shape)
         if difference is None:
             return sum_at([logit.sigmoid_()], [evidence.scale], size)
         logit = sum_at([logit], [evidence.scale], size)

@@ -19,6 +19,7 @@ from anynet.model.confidence import (
     coefficient_count,
     evidence_count,
     gather_evidence,
+    products,
     surroundings,
 )
 from anynet.model.cost_volume import Distribution
@@ -93,10 +94,15 @@ def test_evidence_of_any_size(weights: str, height: int, width: int) -> None:
             assert evidence.channels.isfinite().all()
 
 
+def test_products() -> None:
+    channels = torch.rand(3, 2, 2, generator=torch.Generator().manual_seed(0))
+    expected = [channels[i] * channels[j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
+    torch.testing.assert_close(products(channels), torch.stack(expected))
+
+
 def test_surroundings() -> None:
     channels = torch.rand(7, 33, 50, generator=torch.Generator().manual_seed(0))
-    (own, one), *blocks = surroundings(channels)
-    assert (own is channels, one) == (True, 1)
+    blocks = surroundings(channels)
     assert [side for _, side in blocks] == list(BLOCKS)
     for means, side in blocks:
         inside = means[:, : 33 // side, : 50 // side]
@@ -104,12 +110,12 @@ def test_surroundings() -> None:
         assert means.shape == (7 - PLACE, -(-33 // side), -(-50 // side))
 
 
-def test_probability_is_a_regression_on_the_surroundings() -> None:
+def test_probability_is_a_regression_of_second_order() -> None:
     generator = torch.Generator().manual_seed(0)
     evidence = Evidence(torch.rand(6, 5, 7, generator=generator), torch.zeros(5, 7), 8)
-    coefficients = torch.randn(6 + 2 * (6 - PLACE) + 2, generator=generator)
+    parts = [(evidence.channels, 1), (products(evidence.channels), 1), *surroundings(evidence.channels)]
+    coefficients = torch.randn(sum(len(channels) for channels, _ in parts) + 2, generator=generator)
     difference = torch.rand(37, 51, generator=generator)
-    parts = surroundings(evidence.channels)
     logit, first = coefficients[-1] * torch.ones(5, 7), 0
     for channels, side in parts:
         part = (coefficients[first : first + len(channels), None, None] * channels).sum(0)
