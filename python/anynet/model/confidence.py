@@ -15,7 +15,7 @@ from torch import Tensor
 
 from anynet.errors import AnyNetError, one_line
 from anynet.io.files import read_text, write_atomically
-from anynet.model.deploy import DeployedAnyNet, StageResult, averaged, block_means, sum_at
+from anynet.model.deploy import DeployedAnyNet, StageResult, block_means, sum_at
 from anynet.model.graphs import GraphedAnyNet
 from anynet.model.refinement import warped_difference
 from anynet_ext import reference
@@ -77,7 +77,7 @@ def gather_evidence(
     fine = result.at(finest, fine_size)
     disparity = block_means(fine, 2)
     deviations = [
-        sum_at(*averaged([distribution.deviation()], [stride], scale), size, [stride])
+        sum_at([distribution.deviation(max(1, scale // stride))], [max(1, stride // scale)], size, [stride])
         for distribution, stride in (step.spread for step in steps if step.spread is not None)
     ]
     outside, behind = (scale * distance for distance in reference.occlusion_distances(disparity / scale))

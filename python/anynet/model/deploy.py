@@ -41,7 +41,8 @@ class StageResult:
 
     def at(self, scale: int, size: Sequence[int]) -> Tensor:
         """The disparity, in pixels of the images, at a resolution of one pixel per `scale` of theirs."""
-        return sum_at(*averaged(self.maps, self.scales, scale), size, self.gains)
+        maps = [m if s >= scale else block_means(m, scale // s) for m, s in zip(self.maps, self.scales, strict=True)]
+        return sum_at(maps, [max(1, s // scale) for s in self.scales], size, self.gains)
 
 
 class DeployedAnyNet(nn.Module):
@@ -117,12 +118,6 @@ def sum_at(
     """[h, w]: the sum of the maps times their gains, each enlarged by its ratio; see `anynet_ext.upsample_sum`."""
     out: Tensor = _ops.upsample_sum.default(maps, ratios, list(gains), side, *size)
     return out
-
-
-def averaged(maps: list[Tensor], scales: list[int], scale: int) -> tuple[list[Tensor], list[int]]:
-    """For `sum_at` at one pixel per `scale`: the finer ones of the maps averaged to that, and the ratios of all."""
-    coarse = [m if s >= scale else block_means(m, scale // s) for m, s in zip(maps, scales, strict=True)]
-    return coarse, [max(s // scale, 1) for s in scales]
 
 
 def block_means(x: Tensor, side: int) -> Tensor:

@@ -79,7 +79,9 @@ def test_deviation() -> None:
     values = torch.cat([torch.arange(-2.0, 3).view(1, 5, 1, 1).expand(1, 5, 3, 4), offsets], 1)
     mean = (weight * values).sum(1, keepdim=True)
     expected = (weight * (values - mean) ** 2).sum(1)[0].sqrt()
-    torch.testing.assert_close(Distribution(cost, -2, offsets).deviation(), expected, atol=1e-4, rtol=1e-4)
+    distribution = Distribution(cost, -2, offsets)
+    torch.testing.assert_close(distribution.deviation(), expected, atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(distribution.deviation(2), expected[::2, ::2], atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("weights", ["default", "large"])
