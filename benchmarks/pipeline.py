@@ -48,9 +48,12 @@ from rich.console import Console
 from rich.table import Table
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils.flop_counter import flop_registry
 
 import anynet_ext
-from anynet import AnyNet, Predictor, load_checkpoint
+from anynet import Predictor, load_checkpoint
+
+CONVOLUTIONS = tuple(f"anynet::{name}" for name in ("stem", "conv3x3", "conv3x3x3", "conv_pair"))
 
 
 class Counter(TorchDispatchMode):
@@ -66,18 +69,12 @@ class Counter(TorchDispatchMode):
         out = function(*args, **(kwargs or {}))
         seconds = time.perf_counter() - start
         work = 0
-        if function.name().startswith("anynet::conv"):
-            work = out.numel() * args[1][0].numel()
+        if function.name() in CONVOLUTIONS:
+            work = flop_registry[function.overloadpacket](*args, out_val=out) // 2
             self.multiply_adds += work
         tensors = [t for t in (*args, out) if isinstance(t, Tensor)]
         self.calls.append((function.name(), seconds, work, sum(t.nbytes for t in tensors)))
         return out
-
-
-def stem_multiply_adds(model: AnyNet) -> int:
-    """Of the first two layers, which the deployed network computes inside one operator."""
-    c, pixels = model.config.features.channels, HEIGHT * WIDTH * model.config.enlargement**2
-    return 2 * (pixels * 27 * c + pixels // 4 * 9 * c * c)
 
 
 def ours(predictor: Predictor) -> dict[str, Callable[[], object]]:
@@ -106,7 +103,7 @@ def count(weights: str, threads: int, stage: int, frames: int) -> tuple[int, lis
             predictor.predict(*pair(), stage=stage)
         runs.append(counter.calls)
     calls = [(c[0][0], min(x[1] for x in c), c[0][2], c[0][3]) for c in zip(*runs, strict=True)]
-    return counter.multiply_adds + stem_multiply_adds(load_checkpoint(weights)), calls
+    return counter.multiply_adds, calls
 
 
 def sizes(weights: str, threads: int, out: Console) -> dict[str, Any]:
