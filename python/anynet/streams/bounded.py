@@ -17,7 +17,7 @@ from anynet.io.files import check_regular, max_pixels
 _BYTES = 8  # of a pixel: RGB of 16 bits, and what else the block holds
 _RATIO = 32  # of a bag's files unpacked; images with noise in them give 1 to 3
 _METADATA = 2**20  # bytes; read at 0.1 MB/s
-_STEPS = 10**8  # of SQLite's machine, which take seconds, and
+_STEPS = 2 * 10**7  # of SQLite's machine, which take a second, and
 _STEPS_PER_BYTE = 20  # of the file; a message has more than 50 bytes, and is looked at in some hundred steps
 _left: ContextVar[int | None] = ContextVar("bytes to which the files of what is being opened may unpack", default=None)
 
@@ -92,7 +92,7 @@ def bound_rosbags() -> None:
     rosbag1.decompressors.update(bz2=bounded(BZ2Decompressor), lz4=lz4)
     storage_mcap.DECOMPRESSORS.update(lz4=lz4, zstd=messages)
 
-    class Unpacked(zstd.ZstdFile):  # type: ignore[misc]
+    class Unpacked(zstd.ZstdFile):  # type: ignore[name-defined, misc]
         def read(self, size: int | None = -1) -> bytes:
             data: bytes = super().read(size)
             left = _left.get()
@@ -117,7 +117,7 @@ def bound_rosbags() -> None:
 
     apsw = vars(storage_sqlite3)["apsw"]
 
-    class Connection(apsw.Connection):  # type: ignore[misc]
+    class Connection(apsw.Connection):  # type: ignore[name-defined, misc]
         """To tables that hold what they return, no views; for no more steps than a file of this size needs."""
 
         def __init__(self, name: str, *args: Any, **kwargs: Any) -> None:
