@@ -123,7 +123,7 @@ def bound_rosbags() -> None:
         def __init__(self, name: str, *args: Any, **kwargs: Any) -> None:
             super().__init__(name, *args, **kwargs)
             size = os.stat(self.filename).st_size
-            self.limit(apsw.SQLITE_LIMIT_LENGTH, size)
+            self.limit(apsw.SQLITE_LIMIT_LENGTH, min(size, 2**31 - 1))  # no value is larger than the file
             left = iter(range((_STEPS + _STEPS_PER_BYTE * size) // 10**6))
             self.set_progress_handler(lambda: next(left, None) is None, 10**6)
             computed = "SELECT count(*) FROM sqlite_master AS one, pragma_table_xinfo(one.name) WHERE hidden > 1"

@@ -370,6 +370,12 @@ def test_databases_that_compute(tmp_path: Path, commands: list[str], message: st
     assert time.process_time() - start < 5
 
 
+def test_a_large_database(tmp_path: Path) -> None:
+    path = write(tmp_path / "folder") / "folder.db3"
+    os.truncate(path, 5 * 2**30)  # which takes no space
+    assert len(read(path)) == 4
+
+
 def test_metadata(tmp_path: Path) -> None:
     """Of any type, and too large."""
     path = write(tmp_path / "folder")
