@@ -316,18 +316,44 @@ def recording(ending: str) -> Corpus:
 
 @cache
 def _recording(ending: str, compressed: bool, compression: str) -> bytes:
-    from bags import START, BagWriter
-
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"one{ending if ending != '.db3' else ''}"
-        with BagWriter(path, compression) as bag:
-            for side, along in (("left", 0.0), ("right", -48.0)):
-                matrix = np.array([[480, 0, 8, along], [0, 480, 4, 0], [0, 0, 1, 0]])
-                bag.camera_info(f"/{side}/camera_info", (17, 12), matrix[:, :3], 5 * [0.0], np.eye(3), matrix)
-                for number in range(2):
-                    write = bag.compressed if compressed else bag.image
-                    write(f"/{side}/image_raw" + compressed * "/compressed", _pixels(12, 17, 3), START + number * 10**8)
+        _write(path, compressed, compression)
         return (path if path.is_file() else next(path.glob("*.db3"))).read_bytes()
+
+
+def metadata() -> list[bytes]:
+    """Of bags that are folders, plain and compressed."""
+    return [data for name, data in _bags().items() if name.endswith(".yaml")]
+
+
+def bagged() -> dict[str, bytes]:
+    """What lies beside the metadata."""
+    return {name: data for name, data in _bags().items() if not name.endswith(".yaml")}
+
+
+@cache
+def _bags() -> dict[str, bytes]:
+    files = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for compression in ("", "message", "file"):
+            path = Path(folder) / f"bag{compression}"
+            _write(path, False, compression)
+            for file in path.iterdir():
+                files[f"{path.name}.yaml" if file.suffix == ".yaml" else file.name] = file.read_bytes()
+    return files
+
+
+def _write(path: Path, compressed: bool, compression: str) -> None:
+    from bags import START, BagWriter
+
+    with BagWriter(path, compression) as bag:
+        for side, along in (("left", 0.0), ("right", -48.0)):
+            matrix = np.array([[480, 0, 8, along], [0, 480, 4, 0], [0, 0, 1, 0]])
+            bag.camera_info(f"/{side}/camera_info", (17, 12), matrix[:, :3], 5 * [0.0], np.eye(3), matrix)
+            for number in range(2):
+                write = bag.compressed if compressed else bag.image
+                write(f"/{side}/image_raw" + compressed * "/compressed", _pixels(12, 17, 3), START + number * 10**8)
 
 
 def confidence() -> list[bytes]:

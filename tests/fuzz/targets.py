@@ -60,6 +60,17 @@ def _frames(path: Path) -> None:
             pass
 
 
+def _bag(path: Path) -> None:
+    """Reads a bag of ROS 2, a folder, with these metadata."""
+    folder = Path(f"{path}.bag2")
+    if not folder.exists():
+        folder.mkdir()
+        for name, data in corpus.bagged().items():
+            (folder / name).write_bytes(data)
+    (folder / "metadata.yaml").write_bytes(path.read_bytes())
+    _frames(folder)
+
+
 TARGETS: dict[str, Reader | Calls] = {
     "image-png": Reader(_image, ".png", corpus.png),
     "image-jpeg": Reader(_image, ".jpg", corpus.jpeg),
@@ -94,6 +105,7 @@ TARGETS: dict[str, Reader | Calls] = {
     "recording-bag": Reader(_frames, ".bag", corpus.recording(".bag")),
     "recording-mcap": Reader(_frames, ".mcap", corpus.recording(".mcap")),
     "recording-db3": Reader(_frames, ".db3", corpus.recording(".db3")),
+    "recording-metadata": Reader(_bag, ".yaml", corpus.metadata),
     "confidence": Reader(
         lambda path: import_module("anynet.model.confidence").ConfidenceModel.read(path, 4), ".json", corpus.confidence
     ),

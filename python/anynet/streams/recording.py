@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 from anynet.errors import AnyNetError, one_line
 from anynet.io.files import check_regular
 from anynet.io.images import to_8_bits, used_bits
-from anynet.streams.bounded import BoundedPath, bound_rosbags
+from anynet.streams.bounded import BoundedPath, bound_rosbags, opening
 from anynet.streams.ros import (
     CAMERA_INFO,
     COMPRESSED,
     IMAGE,
     calibration_of,
+    check_digest,
+    deserialized,
     levels_of,
     require_rosbags,
     stamp_of,
@@ -26,7 +28,8 @@ from anynet.streams.ros import (
 from anynet.streams.source import Frame, Source, halves
 
 if TYPE_CHECKING:
-    from rosbags.highlevel import AnyReader
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
 
 _WAITING = 8  # images of one camera that wait for their partner
 # What the names of one rig's topics differ in.
@@ -54,6 +57,7 @@ class Recording(Source):
         super().__init__()
         self._path = Path(path)
         check_regular(path)
+        self._ros = 1 if self._path.suffix == ".bag" else 2
         if not 0 <= slop < math.inf:
             raise AnyNetError(f"expected slop of 0 seconds or more, got {slop:g}")
         self._slop = round(1e9 * slop)
@@ -81,8 +85,8 @@ class Recording(Source):
     def size(self) -> tuple[int, int] | None:
         with self._opened() as reader:
             wanted = [connection for connection in reader.connections if connection.topic == self.topics[0]]
-            _, _, raw = next(self._told(reader.messages(connections=wanted)))
-            levels = levels_of(self._deserialized(reader, raw, wanted[0].msgtype), f"{self._path}: {self.topics[0]}")
+            _, _, raw = next(reader.messages(connections=wanted))
+            levels = levels_of(deserialized(self._ros, raw, wanted[0].msgtype), f"{self._path}: {self.topics[0]}")
         return levels.shape[1] // (3 - len(self.topics)), levels.shape[0]
 
     def frames(self) -> Iterator[Frame]:
@@ -108,12 +112,12 @@ class Recording(Source):
     def close(self) -> None:
         self._closed = True
 
-    def _pairs(self, reader: AnyReader, connections: Sequence[Any]) -> Iterator[tuple[list[Any], int]]:
+    def _pairs(self, reader: Reader1 | Reader2, connections: Sequence[Any]) -> Iterator[tuple[list[Any], int]]:
         """The messages that belong together, and when the later one was recorded."""
         waiting: dict[str, deque[tuple[int, Any]]] = {topic: deque(maxlen=_WAITING) for topic in self.topics}
         found, closest = 0, None
-        for connection, recorded, raw in self._told(reader.messages(connections=connections)):
-            message = self._deserialized(reader, raw, connection.msgtype)
+        for connection, recorded, raw in reader.messages(connections=connections):
+            message = deserialized(self._ros, raw, connection.msgtype)
             if len(self.topics) == 1:
                 yield [message], recorded
                 continue
@@ -137,36 +141,27 @@ class Recording(Source):
             raise AnyNetError(f"{self._path}: no left and right image within {self._slop / 1e6:g} ms{nearest} (--slop)")
 
     @contextmanager
-    def _opened(self) -> Iterator[AnyReader]:
+    def _opened(self) -> Iterator[Reader1 | Reader2]:
         require_rosbags()
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
+        from rosbags.rosbag1 import Reader as Reader1
+        from rosbags.rosbag2 import Reader as Reader2
 
         bound_rosbags()
+        path = BoundedPath(self._path)
         try:
-            reader = AnyReader([BoundedPath(self._path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-            reader.open()
-        except Exception as error:  # a damaged file raises whatever its reader meets first
-            raise self._unreadable(error) from error
-        try:
-            yield reader
-        finally:
-            reader.close()
-
-    def _told(self, messages: Iterator[tuple[Any, int, bytes]]) -> Iterator[tuple[Any, int, bytes]]:
-        while True:
+            reader: Reader1 | Reader2 = Reader1(path) if self._ros == 1 else Reader2(path)
+            with opening(path):
+                reader.open()
             try:
-                message = next(messages, None)
-            except Exception as error:
-                raise self._unreadable(error) from error
-            if message is None:
-                return
-            yield message
-
-    def _deserialized(self, reader: AnyReader, raw: bytes, kind: str) -> Any:
-        try:
-            return reader.deserialize(raw, kind)
-        except Exception as error:
+                for connection in reader.connections:
+                    if connection.msgtype in (IMAGE, COMPRESSED, CAMERA_INFO):
+                        check_digest(self._ros, connection.msgtype, connection.digest, str(self._path))
+                yield reader
+            finally:
+                reader.close()
+        except AnyNetError:
+            raise
+        except Exception as error:  # a damaged file raises whatever its reader meets first
             raise self._unreadable(error) from error
 
     def _unreadable(self, error: Exception) -> AnyNetError:
@@ -198,15 +193,15 @@ class Recording(Source):
             )
         return found[0]
 
-    def _camera_infos(self, reader: AnyReader) -> list[Any]:
+    def _camera_infos(self, reader: Reader1 | Reader2) -> list[Any]:
         """The first message of each topic's camera, left and right; fewer where they are not recorded."""
         infos: list[Any] = []
         for topic in self.topics:
             name = topic.removesuffix("/compressed").rsplit("/", 1)[0] + "/camera_info"
             chosen = [c for c in reader.connections if c.topic == name and c.msgtype == CAMERA_INFO]
             if chosen:
-                first = next(self._told(reader.messages(connections=chosen)), None)
-                infos += [] if first is None else [self._deserialized(reader, first[2], CAMERA_INFO)]
+                first = next(reader.messages(connections=chosen), None)
+                infos += [] if first is None else [deserialized(self._ros, first[2], CAMERA_INFO)]
         return infos
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,6 +64,42 @@ def require_rosbags() -> None:
         import rosbags.typesys  # noqa: F401
     except ImportError as error:
         raise AnyNetError(f"bags and MCAP files need the extra ros: pip install 'anynet[ros]' ({error})") from error
+
+
+@cache
+def typestore(ros: int) -> Typestore:
+    """The messages that ROS 1 or 2 comes with."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+
+
+@cache
+def _digest(ros: int, kind: str) -> str:
+    return typestore(ros).generate_msgdef(kind)[1] if ros == 1 else typestore(ros).hash_rihs01(kind)
+
+
+def check_digest(ros: int, kind: str, digest: str, where: str) -> None:
+    """Refuses messages that are not those of ROS. Their definitions in the file are not used: `rosbags` would make code
+    of them, and needs more time for it than for small images.
+
+    Args:
+        ros: 1 or 2.
+        kind: one that ROS comes with.
+        digest: what the file says of it; ROS 2 wrote none before Iron.
+        where: the file.
+
+    Raises:
+        AnyNetError: if there is a digest, of another definition.
+    """
+    if digest and digest != _digest(ros, kind):
+        raise AnyNetError(f"{where}: expected {kind} with digest {_digest(ros, kind)}, got {str(digest)[:80]!r}")
+
+
+def deserialized(ros: int, raw: bytes, kind: str) -> Any:
+    """A message of ROS 1 or 2."""
+    store = typestore(ros)
+    return store.deserialize_ros1(raw, kind) if ros == 1 else store.deserialize_cdr(raw, kind)
 
 
 def stamp_of(message: Any) -> int:
@@ -139,10 +176,8 @@ class Messages:
 
     def __init__(self, ros: int) -> None:
         require_rosbags()
-        from rosbags.typesys import Stores, get_typestore
-
         self.ros = ros
-        self.store: Typestore = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+        self.store = typestore(ros)
 
     def serialize(self, message: Any) -> bytes:
         store = self.store

@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import os
+import sqlite3
+import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -299,10 +303,132 @@ def test_damaged_files_end_in_one_line(tmp_path: Path, name: str) -> None:
 def test_compressed_blocks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, compression: str) -> None:
     path = write(tmp_path / name, compression=compression)
     np.testing.assert_array_equal([(frame.left, frame.right) for frame in read(path)], [images(i) for i in range(4)])
-    if compression != "file":  # which goes to the disk
+    if compression != "file":
         monkeypatch.setenv("ANYNET_MAX_PIXELS", "50")
         with pytest.raises(AnyNetError, match=r"not a readable .*blocks of at most 400 bytes; ANYNET_MAX_PIXELS"):
             read(path)
+
+
+def test_compressed_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What they unpack to is bounded for all together, however often each is named."""
+    from rosbags.rosbag2.reader import zstd
+
+    path = write(tmp_path / "folder", compression="file")
+    file, metadata = path / "folder.db3.zstd", path / "metadata.yaml"
+    (tmp_path / "zeros").write_bytes(bytes(2**24))
+    with zstd.open(tmp_path / "zeros.zstd", "wb") as zeros:
+        zeros.write(bytes(2**24))
+    file.write_bytes(file.read_bytes() + (tmp_path / "zeros.zstd").read_bytes())
+    assert file.stat().st_size < 2**14
+    assert len(read(path)) == 4
+    message = r"not a readable .*unpack to at most 32 times their size or 16960000 bytes; ANYNET_MAX_PIXELS raises"
+    monkeypatch.setenv("ANYNET_MAX_PIXELS", str(1_060_000))
+    assert len(read(path)) == 4
+    metadata.write_text(
+        metadata.read_text().replace("- folder.db3.zstd", "- folder.db3.zstd\n" + 9 * "  - folder.db3.zstd\n")
+    )
+    with pytest.raises(AnyNetError, match=message):
+        read(path)
+
+
+def altered(path: Path, *commands: str) -> Path:
+    """The folder's database, changed by SQL."""
+    with closing(sqlite3.connect(next(path.glob("*.db3")))) as database, database:
+        for command in commands:
+            database.execute(command)
+    return path
+
+
+COUNTED = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < {})"
+STORED = "CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, "
+VIEW = ["DROP TABLE schema", f"CREATE VIEW schema AS {COUNTED.format(10**12)} SELECT count(*) AS schema_version FROM n"]
+FUNCTION = ["ALTER TABLE messages RENAME TO old", f"{STORED} data AS (zeroblob(500000000)))"]
+DOUBLED = ["ALTER TABLE messages RENAME TO old", f"{STORED} a TEXT, b AS (a || a), data AS (b || b))"]
+JOINED = [  # topics and messages that all belong together
+    "ALTER TABLE topics RENAME TO old",
+    "CREATE TABLE topics (id, name, type, serialization_format, offered_qos_profiles, type_description_hash)",
+    f"{COUNTED.format(5000)} INSERT INTO topics SELECT 1, name, type, serialization_format, '', '' FROM n, old "
+    "WHERE id = 1",
+    f"{COUNTED.format(5000)} INSERT INTO messages (topic_id, timestamp, data) SELECT 1, i, x'00' FROM n",
+]
+
+
+@pytest.mark.parametrize(
+    ("commands", "message"),
+    [
+        (VIEW, "not authorized"),
+        (FUNCTION, "without computed columns"),
+        (DOUBLED, "without computed columns"),
+        (JOINED, "interrupted"),
+    ],
+)
+def test_databases_that_compute(tmp_path: Path, commands: list[str], message: str) -> None:
+    folder = altered(write(tmp_path / "folder"), *commands)
+    start = time.process_time()
+    with pytest.raises(AnyNetError, match=rf"not a readable ROS bag or MCAP file \(.*{message}"):
+        read(folder / "folder.db3")
+    assert time.process_time() - start < 5
+
+
+def test_a_large_database(tmp_path: Path) -> None:
+    path = write(tmp_path / "folder") / "folder.db3"
+    os.truncate(path, 5 * 2**30)  # which takes no space
+    assert len(read(path)) == 4
+
+
+def test_metadata(tmp_path: Path) -> None:
+    """Of any type, and too large."""
+    path = write(tmp_path / "folder")
+    metadata = path / "metadata.yaml"
+    text = metadata.read_text()
+    for damaged in (
+        text.replace("name: /cam/left/image_rect", "name: 5"),
+        text.replace("name: /cam/left/image_rect", "name: [5]"),
+        text.replace("message_count: 4", "message_count: many"),
+        text + "#" * 2**20,
+    ):
+        assert damaged != text
+        metadata.write_text(damaged)
+        with pytest.raises(
+            AnyNetError, match=r"folder: (not a readable ROS bag|no topic|cannot tell the topics)"
+        ) as caught:
+            read(path)
+        assert "\n" not in str(caught.value)
+    metadata.write_text(text)
+    assert len(read(path)) == 4
+    (path / "folder.db3").unlink()
+    os.mkfifo(path / "folder.db3")
+    with pytest.raises(AnyNetError, match=r"folder\.db3: expected a file, got a pipe"):
+        read(path)
+
+
+def test_profiles_of_quality_are_not_read(tmp_path: Path) -> None:
+    """They are YAML, which takes long."""
+    from rosbags.highlevel import AnyReader
+
+    path = altered(write(tmp_path / "folder"), "UPDATE topics SET offered_qos_profiles = '['") / "folder.db3"
+    assert len(read(path)) == 4
+    with pytest.raises(Exception, match="offered_qos_profiles"), AnyReader([path]):  # elsewhere all is as it was
+        pass
+
+
+@pytest.mark.parametrize("name", ["a.bag", "a.mcap"])
+def test_definitions_are_those_of_ros(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path / name)
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"uint32 height", b"uint32 h-ight"))
+    assert path.read_bytes() != data
+    assert len(read(path)) == 4
+
+
+def test_digests_are_those_of_ros(tmp_path: Path) -> None:
+    path, digest = write(tmp_path / "a.bag"), b"060021388200f6f0f447d0fcd9c64743"
+    path.write_bytes(path.read_bytes().replace(digest, digest[:-1] + b"0"))
+    with pytest.raises(AnyNetError, match=r"a\.bag: expected sensor_msgs/msg/Image with digest 06.*3, got '06.*0'"):
+        read(path)
+    path = altered(write(tmp_path / "folder"), "UPDATE topics SET type_description_hash = 'RIHS01_0'") / "folder.db3"
+    with pytest.raises(AnyNetError, match=r"db3: expected sensor_msgs/msg/Image with digest RIHS01_d31.*'RIHS01_0'"):
+        read(path)
 
 
 RAW_K = np.array([[90.0, 0, 9], [0, 91, 6], [0, 0, 1]])
