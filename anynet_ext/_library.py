@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import torch
@@ -58,15 +58,32 @@ def _load_cuda() -> str:
 _CUDA = _load_cuda()
 
 
-@cache
-def wait_passively() -> None:
+def wait_passively(passively: bool = True, *, unless_told: bool = False) -> None:
     """From now on, this process's OpenMP threads sleep soon after they ran out of work, instead of spinning for
     milliseconds: beside other work they would take the cores from it, and then wait for them.
 
     For GCC's OpenMP, which PyTorch brings along. `OMP_WAIT_POLICY` and `GOMP_SPINCOUNT` come before it. It takes one
-    more thread than there are processors, which sleep for ever.
+    more thread than there are processors, which sleep as long.
+
+    Args:
+        passively: False: spin again.
+        unless_told: leave it as the last call without this has told, if there was one.
     """
-    _C.anynet_wait_passively()
+    with _Waiting.lock:
+        if unless_told and _Waiting.told:
+            return
+        _Waiting.told = not unless_told
+        if passively and not _Waiting.passive:
+            _Waiting.passive = bool(_C.anynet_begin_waiting_passively())
+        elif _Waiting.passive and not passively:
+            _C.anynet_end_waiting_passively()
+            _Waiting.passive = False
+
+
+class _Waiting:
+    """How the threads of this process wait, and whether somebody asked for that."""
+
+    lock, passive, told = Lock(), False, False
 
 
 def build_info() -> dict[str, Any]:

@@ -3,9 +3,9 @@
     anynet render --out rendered --count 64 --seed 600000
     python recipes/confidence.py --weights default --rendered rendered --real "kitti2015:DATA/kitti2015?without=VAL.TXT"
 
-A logistic regression on pixels of rendered pairs, whose truth is dense and exact, tells what speaks for and against a
-disparity. Rendered pairs are harder than photographs, so its answer, a log-odds, is then scaled and shifted to fit
-photographs (Platt scaling: two numbers per stage).
+A logistic regression of second order on pixels of rendered pairs, whose truth is dense and exact, tells what speaks for
+and against a disparity. Rendered pairs are harder than photographs, so its answer, a log-odds, is then scaled and
+shifted to fit photographs (Platt scaling: two numbers per stage).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from anynet.checkpoint import find_weights
 from anynet.data import Dataset, open_dataset
 from anynet.evaluation.evaluate import region_mask
 from anynet.evaluation.metrics import within_d1
-from anynet.model.confidence import PIXEL, ConfidenceModel, gather_evidence, view_difference
+from anynet.model.confidence import PIXEL, ConfidenceModel, gather_evidence, products, surroundings, view_difference
 from anynet.model.deploy import DeployedAnyNet, sum_at
 
 Pixels = tuple[Tensor, Tensor]  # evidence [M, F + 1], the last of the left-right check; whether they are right [M]
@@ -46,15 +46,16 @@ def collect(network: DeployedAnyNet, samples: Dataset, per_pair: int) -> list[Pi
             disparity = result()
             evidence = gather_evidence(network, result, left, right)
             difference = view_difference(disparity, other().flip(1)).abs()
-            maps = [sum_at([channel], [evidence.scale], size) for channel in evidence.channels]
-            rows = torch.stack([*maps, (difference + PIXEL).log()])[:, ys, xs].T
+            parts = [(evidence.channels, 1), (products(evidence.channels), 1), *surroundings(evidence.channels)]
+            values = [sum_at([c], [side * evidence.scale], size)[ys, xs] for channels, side in parts for c in channels]
+            rows = torch.stack([*values, (difference[ys, xs] + PIXEL).log()], 1)
             right_ones = within_d1(disparity.numpy()[ys, xs], truth)
             pixels.append((rows.double(), torch.from_numpy(right_ones).double()))
     return [(torch.cat(rows), torch.cat(right)) for rows, right in (zip(*p, strict=True) for p in found)]
 
 
 def regress(x: Tensor, y: Tensor) -> Tensor:
-    """Coefficients [F + 1] of the logistic regression of y [M] on x [M, F], the constant last."""
+    """Coefficients [F + 1] of the logistic regression of y [M] on x [M, F], kept small; the constant last."""
     mean, deviation = x.mean(0), x.std(0) + 1e-3
     z = F.pad((x - mean) / deviation, (0, 1), value=1.0)
     w = torch.zeros(z.shape[1], dtype=z.dtype, requires_grad=True)
@@ -62,7 +63,7 @@ def regress(x: Tensor, y: Tensor) -> Tensor:
 
     def loss() -> Tensor:
         optimizer.zero_grad()
-        value = F.binary_cross_entropy_with_logits(z @ w, y) + 1e-5 * w.square().sum()
+        value = F.binary_cross_entropy_with_logits(z @ w, y) + 1e-3 * w[:-1].square().sum()
         value.backward()
         return value
 

@@ -1,6 +1,6 @@
 // How many threads the CPU kernels use.
 #include <pthread.h>
-#include <unistd.h>
+#include <semaphore.h>
 
 #include <cstdlib>
 #include <system_error>
@@ -21,12 +21,27 @@ bool forked = false;
 [[maybe_unused]] const int registered = pthread_atfork(nullptr, nullptr, [] { forked = true; });
 
 #ifdef _OPENMP
-/// Owns a team of more threads than there are processors, all asleep.
-void sleep_for_ever() {
+/// Owns a team of more threads than there are processors, all asleep, until `ended` is posted.
+class Crowd {
+ public:
+  Crowd() { sem_init(&ended_, 0, 0); }
+
+  void begin() {
+    std::thread([this] {
 #pragma omp parallel num_threads(omp_get_num_procs() + 1)
-  asm volatile("");  // or there would be no team
-  for (;;) pause();
-}
+      asm volatile("");  // or there would be no team
+      while (sem_wait(&ended_) != 0) {
+      }
+    }).detach();
+  }
+
+  void end() { sem_post(&ended_); }
+
+ private:
+  sem_t ended_;
+};
+
+Crowd crowd;
 #endif
 
 }  // namespace
@@ -36,13 +51,23 @@ int num_threads() { return forked ? 1 : static_cast<int>(torch::stable::get_num_
 }  // namespace anynet::ops
 
 /// See anynet_ext._library. GCC's OpenMP has no function for it, but it lets waiting threads spin for no more than 100
-/// rounds, instead of 300,000, where the process has more of its threads than there are processors.
-extern "C" __attribute__((visibility("default"))) void anynet_wait_passively() {
+/// rounds, instead of 300,000, where the process has more of its threads than there are processors. 0 if they wait as
+/// the environment says.
+extern "C" __attribute__((visibility("default"))) int anynet_begin_waiting_passively() {
 #ifdef _OPENMP
-  if (std::getenv("OMP_WAIT_POLICY") != nullptr || std::getenv("GOMP_SPINCOUNT") != nullptr) return;
+  if (std::getenv("OMP_WAIT_POLICY") != nullptr || std::getenv("GOMP_SPINCOUNT") != nullptr) return 0;
   try {
-    std::thread(anynet::ops::sleep_for_ever).detach();
+    anynet::ops::crowd.begin();
+    return 1;
   } catch (const std::system_error&) {  // no more threads: these go on spinning
   }
+#endif
+  return 0;
+}
+
+/// As often as that gave 1.
+extern "C" __attribute__((visibility("default"))) void anynet_end_waiting_passively() {
+#ifdef _OPENMP
+  anynet::ops::crowd.end();
 #endif
 }

@@ -28,6 +28,7 @@ from anynet.model.graphs import GraphedAnyNet
 from anynet.samples import MAX_DISPARITY
 from anynet.scheduler import MAX_THREADS, LatencyTable
 from anynet.shutdown import computing
+from anynet.waiting import waiting
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of glibc's malloc.h
 
@@ -149,6 +150,8 @@ class Predictor:
         if self.device.type == "cuda" and os.getpid() != self._process:
             raise AnyNetError(f"{method}: expected the process that made the predictor: CUDA does not survive a fork")
         model = self._confidence_model() if confidence else None
+        if self.device.type == "cpu":
+            waiting().adapt()
         return Frame(
             self._network, self.config.zoom, images, model, bool(left_right),
             device=self.device, mirrored=view == "right", as_arrays=isinstance(left, np.ndarray),

@@ -13,18 +13,32 @@ from anynet import load_checkpoint
 from anynet.model import presets
 
 RECIPES = Path(__file__).parents[2] / "recipes"
-NETWORKS = {"default": presets.default(), "large": presets.large().with_input_scale(2)}
+NETWORKS = {
+    "default": presets.default(),
+    "kitti": presets.large().with_input_scale(2),
+    "large": presets.large().with_input_scale(2),
+    "paper": presets.filled(),
+}
+KITTI = RECIPES.parent / ".." / "shared" / "data" / "kitti2015"
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1300)
 @pytest.mark.parametrize("script", sorted(RECIPES.glob("*.sh")), ids=lambda script: script.stem)
 def test_a_recipe_makes_weights(script: Path, tmp_path: Path) -> None:
+    if script.stem == "kitti" and not KITTI.exists():
+        pytest.skip("the KITTI pairs are not in ../shared/data")
     commands = tmp_path / "bin"
     commands.mkdir()
     anynet = commands / "anynet"
     anynet.write_text(f'#!/bin/sh\nexec {sys.executable} -m anynet "$@"\n')
     anynet.chmod(0o755)
-    environment = os.environ | {"PATH": f"{commands}:{os.environ['PATH']}", "PAIRS": "2", "STEPS": "2"}
+    environment = os.environ | {
+        "PATH": f"{commands}:{os.environ['PATH']}",
+        "PAIRS": "4",
+        "STEPS": "3",
+        "KITTI": str(KITTI),
+    }
     for _ in range(2):  # the second time, nothing is left to do
         subprocess.run([str(script), str(tmp_path / "out")], env=environment, check=True, timeout=600)
         weights = tmp_path / "out" / script.stem / "weights.safetensors"

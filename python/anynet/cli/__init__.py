@@ -45,8 +45,6 @@ COMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line, by default the process's own, and returns the exit status."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    # Before torch loads OpenMP: threads that wait spinning take the cores from all others that have work.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     _open_closed_streams()
     with _interruptible_imports(), warnings.catch_warnings():
         warnings.showwarning = _show_warning

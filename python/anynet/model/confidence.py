@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
+from functools import reduce
+from itertools import pairwise
 from pathlib import Path
 
 import torch
@@ -12,7 +15,7 @@ from torch import Tensor
 
 from anynet.errors import AnyNetError, one_line
 from anynet.io.files import read_text, write_atomically
-from anynet.model.deploy import DeployedAnyNet, StageResult, sum_at
+from anynet.model.deploy import DeployedAnyNet, StageResult, block_means, sum_at
 from anynet.model.graphs import GraphedAnyNet
 from anynet.model.refinement import warped_difference
 from anynet_ext import reference
@@ -21,17 +24,19 @@ _ops = torch.ops.anynet
 
 PIXEL = 0.25  # added to lengths before their logarithm; what is less does not matter
 SHADE = 0.02  # the same of differences between normalized colors
+PLACE = 4  # channels that say where things are; how sure a disparity is, the others say
+BLOCKS = (4, 16)  # sides of what counts as a pixel's surroundings, in pixels of the evidence
 HIDDEN = 1.0  # pixels by which something lies behind another, or outside, before it counts as occluded
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """At the finest features' resolution, one pixel per `scale` of the images.
+    """At half the resolution of the finest features, one pixel per `scale` of the images.
 
     Attributes:
         channels: [F, h, w], the logarithms of: the disparity; how far it varies around the pixel; by how much it lies
-            behind something nearer in the right image, and outside of it; the standard deviations of the last two
-            stages' softmax; what the last stage changed; the warp error; the texture.
+            behind something nearer in the right image, and outside of it; the standard deviations of all stages'
+            softmax, the last one first; what each stage changed; the warp error; the texture.
         hidden: [h, w], pixels by which it lies behind something nearer, or outside the right image.
         scale: pixels of the images per pixel.
     """
@@ -43,7 +48,13 @@ class Evidence:
 
 def evidence_count(stage: int, last: bool) -> int:
     """Channels of the evidence on a stage, from 1; the last one has no softmax of its own."""
-    return 6 + min(stage, 2 - last) + (stage > 1)
+    return PLACE + (stage - last) + (stage - 1) + 2
+
+
+def coefficient_count(stage: int, last: bool) -> int:
+    """Of the evidence on a stage, its products and its means over the blocks."""
+    count = evidence_count(stage, last)
+    return count + count * (count + 1) // 2 + len(BLOCKS) * (count - PLACE)
 
 
 def gather_evidence(
@@ -55,49 +66,59 @@ def gather_evidence(
         left, right: the images that the network was given, [H, W, 3] uint8.
         pixel: the unit for lengths, over the pixel of these images.
     """
-    refinement, scale = network.refinement, network.config.finest
-    size = [n * result.scales[0] // scale for n in result.maps[0].shape]
-    steps = [result] if result.before is None else [result, result.before]
-    disparity, *before = (_at(step, scale, size) for step in steps)
+    refinement, finest = network.refinement, network.config.finest
+    scale = 2 * finest
+    fine_size = [n * result.scales[0] // finest for n in result.maps[0].shape]
+    size = [(n + 1) // 2 for n in fine_size]
+    steps = [result]
+    while (step := steps[-1].before) is not None:
+        steps.append(step)
+    before = [step.at(scale, size) for step in steps[1:]]
+    fine = result.at(finest, fine_size)
+    disparity = block_means(fine, 2)
     deviations = [
-        sum_at([distribution.deviation()], [stride // scale], size, [stride])
+        sum_at([distribution.deviation(max(1, scale // stride))], [max(1, stride // scale)], size, [stride])
         for distribution, stride in (step.spread for step in steps if step.spread is not None)
     ]
     outside, behind = (scale * distance for distance in reference.occlusion_distances(disparity / scale))
     outside.clamp_(min=0)
-    small_left, small_right = (
-        _ops.read_image.default(image, refinement.mean, refinement.std, scale, 1, *size) for image in (left, right)
+    left, right = (
+        _ops.read_image.default(image, refinement.mean, refinement.std, finest, 1, *fine_size)
+        for image in (left, right)
     )
-    error = warped_difference(small_left, small_right, disparity[None, None] / scale).abs().mean(1)
-    texture = (small_left[0, :, :, 2:] - small_left[0, :, :, :-2]).abs().mean(0)
+    error = warped_difference(left, right, fine[None, None] / finest).abs().mean(1)
+    texture = F.pad((left[0, :, :, 2:] - left[0, :, :, :-2]).abs().mean(0), (1, 1))
     lengths = [disparity.clamp(min=0), _variation(disparity), behind, outside, *deviations]
-    lengths += [(disparity - other).abs() for other in before]
-    channels = torch.stack([*lengths, *_mean3x3(torch.stack([error[0], F.pad(texture, (1, 1))]))])
+    lengths += [(later - earlier).abs() for later, earlier in pairwise([disparity, *before])]
+    channels = torch.stack([*lengths, *block_means(torch.stack([error[0], texture]), 2)])
     channels[: len(lengths)].mul_(pixel).add_(PIXEL)
     channels[len(lengths) :].add_(SHADE)
     return Evidence(channels.log_(), torch.maximum(behind, outside) * pixel, scale)
 
 
-def _at(result: StageResult, scale: int, size: list[int]) -> Tensor:
-    if result.scales[0] < scale:  # by convex upsampling
-        return F.avg_pool2d(result.maps[0][None, None], scale // result.scales[0])[0, 0]
-    return result.at(scale, size)
+def products(channels: Tensor) -> Tensor:
+    """[F (F + 1) / 2, h, w]: of the channels [F, h, w], each with itself and all after it."""
+    first, second = torch.triu_indices(len(channels), len(channels), device=channels.device)
+    return channels[first] * channels[second]
 
 
-def _mean3x3(x: Tensor) -> Tensor:
-    """`avg_pool2d` of 3 x 3, five times as fast."""
-    x = F.pad(x, (1, 1, 1, 1))
-    x = x[:, :, :-2] + x[:, :, 1:-1] + x[:, :, 2:]
-    return (x[:, :-2] + x[:, 1:-1] + x[:, 2:]).div_(9)
+def surroundings(channels: Tensor) -> list[tuple[Tensor, int]]:
+    """Of channels [F, h, w] all but the first `PLACE`, averaged over blocks; each with its block's side."""
+    parts = []
+    means, before = channels[PLACE:], 1
+    for side in BLOCKS:
+        means, before = block_means(means, side // before), side
+        parts.append((means, side))
+    return parts
 
 
 def _variation(disparity: Tensor) -> Tensor:
-    """Largest less smallest value of blocks of 4 x 4 and their neighbors."""
-    height, width = disparity.shape
-    padded = F.pad(disparity[None], (0, -width % 4, 0, -height % 4), mode="replicate")[0]
-    rows = padded.view(-1, 4, padded.shape[1])  # by rows first: twice as fast as a pooling
-    blocks = torch.stack([rows.amax(1), -rows.amin(1)]).view(1, 2, len(rows), -1, 4).amax(-1)
-    return sum_at([F.max_pool2d(blocks, 3, 1, 1)[0].sum(0)], [4], disparity.shape)
+    """Largest less smallest value of 5 x 5 pixels."""
+    values = F.pad(torch.stack([disparity, -disparity]), (2, 2, 2, 2), value=-math.inf)
+    for axis in (1, 2):  # by shifted copies: five times as fast as a pooling
+        size = values.shape[axis] - 4
+        values = reduce(torch.maximum, (values.narrow(axis, i, size) for i in range(5)))
+    return values.sum(0)
 
 
 @dataclass(frozen=True)
@@ -105,8 +126,8 @@ class ConfidenceModel:
     """The regressions' coefficients, stage by stage.
 
     Attributes:
-        single: [F + 1] each, of the evidence, and the constant.
-        checked: [F + 2] each, of the evidence, of the difference to the right view's disparity, and the constant.
+        single: per stage, of the evidence, of its products, of its means over the blocks, and the constant.
+        checked: the same, with that of the difference to the right view's disparity before the constant.
     """
 
     single: list[Tensor]
@@ -126,7 +147,7 @@ class ConfidenceModel:
         except (ValueError, TypeError, KeyError, OverflowError, RuntimeError, RecursionError) as error:
             raise AnyNetError(f"{path}: not a confidence model: {one_line(error)}") from None
         for rows, more in zip(models, (1, 2), strict=True):
-            expected = [evidence_count(stage, stage == stages) + more for stage in range(1, stages + 1)]
+            expected = [coefficient_count(stage, stage == stages) + more for stage in range(1, stages + 1)]
             got = [row.numel() if row.dim() == 1 and bool(row.isfinite().all()) else 0 for row in rows]
             if got != expected:
                 raise AnyNetError(f"{path}: expected {expected} finite coefficients, got {got}")
@@ -137,7 +158,7 @@ class ConfidenceModel:
 
     def write(self, path: Path) -> None:
         content = {name: [[round(float(v), 5) for v in row] for row in getattr(self, name)] for name in _FIELDS}
-        write_atomically(path, (json.dumps(content, indent=1) + "\n").encode())
+        write_atomically(path, (json.dumps(content) + "\n").encode())
 
     def probability(
         self, stage: int, evidence: Evidence, size: tuple[int, int], difference: Tensor | None = None
@@ -150,12 +171,23 @@ class ConfidenceModel:
             difference: [H, W], pixels, of the right view's disparity; None: not known.
         """
         coefficients = (self.single if difference is None else self.checked)[stage - 1]
-        count = len(evidence.channels)
-        logit = (coefficients[:count] @ evidence.channels.flatten(1) + coefficients[-1]).view(evidence.hidden.shape)
+        channels, means = evidence.channels.flatten(1), surroundings(evidence.channels)
+        count = len(channels)
+        counts = [count, count * (count + 1) // 2, *(len(part) for part, _ in means)]
+        linear, quadratic, *around = torch.split(coefficients[: sum(counts)], counts)
+        form = channels.new_zeros(count, count)
+        first, second = torch.triu_indices(count, count, device=form.device)
+        form[first, second] = quadratic
+        own = linear @ channels + (channels * (form @ channels)).sum(0) + coefficients[-1]
+        maps = [own.view(evidence.hidden.shape)]
+        maps += [
+            (weights @ part.flatten(1)).view(part.shape[1:]) for weights, (part, _) in zip(around, means, strict=True)
+        ]
+        logit = sum_at(maps, [1, *BLOCKS], evidence.hidden.shape)
         if difference is None:
             return sum_at([logit.sigmoid_()], [evidence.scale], size)
         logit = sum_at([logit], [evidence.scale], size)
-        logit += coefficients[count] * (difference + PIXEL).log_()
+        logit += coefficients[-2] * (difference + PIXEL).log_()
         return logit.sigmoid_()
 
 

@@ -93,15 +93,20 @@ class Distribution(NamedTuple):
     first: int
     offsets: Tensor | None = None
 
-    def deviation(self) -> Tensor:
-        """Standard deviation [h, w], in pixels of the stage's features."""
-        weight = (-self.cost[0]).softmax(0)
-        extra = 0 if self.offsets is None else self.offsets.shape[1]
-        count = len(weight) - extra
+    def deviation(self, step: int = 1) -> Tensor:
+        """Standard deviation of every `step`th pixel and row, [ceil(h / step), ceil(w / step)], in pixels of the
+        stage's features."""
+        cost = self.cost[0, :, ::step, ::step]
+        offsets = None if self.offsets is None else self.offsets[0, :, ::step, ::step]
+        weight = (cost.amin(0) - cost).exp_()  # of the softmax, times a constant
+        count = len(weight) - (0 if offsets is None else len(offsets))
         values = torch.arange(self.first, self.first + count, dtype=weight.dtype, device=weight.device)
-        mean, square = (torch.stack([values, values**2]) @ weight[:count].flatten(1)).view(2, *weight.shape[1:])
-        if self.offsets is not None:
-            mean = mean + (weight[count:] * self.offsets[0]).sum(0)
-            square = square + (weight[count:] * self.offsets[0] ** 2).sum(0)
-        spread: Tensor = (square - mean**2).clamp_(min=0).sqrt_()
+        powers = torch.stack([torch.ones_like(values), values, values**2])
+        total, mean, square = (powers @ weight[:count].flatten(1)).view(3, *weight.shape[1:])
+        if offsets is not None:
+            total = total + weight[count:].sum(0)
+            mean = mean + (weight[count:] * offsets).sum(0)
+            square = square + (weight[count:] * offsets**2).sum(0)
+        mean = mean / total
+        spread: Tensor = (square / total - mean**2).clamp_(min=0).sqrt_()
         return spread

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from anynet.model.anynet import AnyNet
@@ -40,7 +41,8 @@ class StageResult:
 
     def at(self, scale: int, size: Sequence[int]) -> Tensor:
         """The disparity, in pixels of the images, at a resolution of one pixel per `scale` of theirs."""
-        return sum_at(self.maps, [s // scale for s in self.scales], size, self.gains)
+        maps = [m if s >= scale else block_means(m, scale // s) for m, s in zip(self.maps, self.scales, strict=True)]
+        return sum_at(maps, [max(1, s // scale) for s in self.scales], size, self.gains)
 
 
 class DeployedAnyNet(nn.Module):
@@ -116,6 +118,18 @@ def sum_at(
     """[h, w]: the sum of the maps times their gains, each enlarged by its ratio; see `anynet_ext.upsample_sum`."""
     out: Tensor = _ops.upsample_sum.default(maps, ratios, list(gains), side, *size)
     return out
+
+
+def block_means(x: Tensor, side: int) -> Tensor:
+    """[..., ceil(h / side), ceil(w / side)], of [..., h, w] and a power of two; several times as fast as a pooling."""
+    while side > 1:
+        side //= 2
+        height, width = x.shape[-2:]
+        if height % 2 or width % 2:
+            x = F.pad(x[None], (0, width % 2, 0, height % 2), mode="replicate")[0]
+        rows = x[..., 0::2, :] + x[..., 1::2, :]
+        x = (rows[..., 0::2] + rows[..., 1::2]).mul_(0.25)
+    return x
 
 
 def _reduced(maps: list[Tensor], gains: list[float], scales: list[int], scale: int, size: Sequence[int]) -> Tensor:

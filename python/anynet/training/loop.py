@@ -33,6 +33,7 @@ from anynet.training.distributed import Processes, process_group, synchronize_ba
 from anynet.training.log import RunLog
 from anynet.training.loss import loss_weights, stage_losses
 from anynet.training.recipe import Recipe
+from anynet.waiting import waiting
 
 RECIPE, CHECKPOINT, LOG, WEIGHTS = "recipe.json", "checkpoint.pt", "log.jsonl", "weights.safetensors"
 LOCK = "run.lock"
@@ -171,6 +172,7 @@ class _Run:
         with RunLog(path, self.step, self.steps, recipe.log_every, events) as log:
             before = None
             while self.step < self.steps:
+                waiting().adapt()
                 began = time.perf_counter()
                 batch = next(loader)
                 waited = time.perf_counter() - began

@@ -220,7 +220,7 @@ PRESETS: dict[str, Recipe] = {
     # The paper, section IV-A.
     "paper-sceneflow": Recipe(epochs=10, learning_rate=5e-4, schedule="constant", augment=False, max_grad_norm=0.0),
     "paper-kitti": Recipe(epochs=300, learning_rate=5e-4, schedule="step", augment=False, max_grad_norm=0.0),
-    # The weights that ship; what differs from the paper, and why, is in docs/weights.md.
+    # The weights that ship; what differs from the paper, and why, is in docs/ablations.md.
     "paper": Recipe(network=presets.filled(), steps=8_000, learning_rate=2e-3, warmup_steps=100),
     "default": Recipe(
         network=presets.default(),

@@ -31,18 +31,6 @@ def test_help_names_every_command_without_torch(run: Run) -> None:
         assert summary.split()[0] in result.stdout
 
 
-@pytest.mark.parametrize(("given", "expected"), [(None, "passive"), ("active", "active")])
-def test_threads_wait_without_spinning(given: str | None, expected: str) -> None:
-    program = "import os, anynet.cli; anynet.cli.main(['info']); print(os.environ['OMP_WAIT_POLICY'])"
-    environment = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
-    if given is not None:
-        environment["OMP_WAIT_POLICY"] = given
-    result = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment
-    )
-    assert result.stdout.splitlines()[-1] == expected
-
-
 @pytest.mark.parametrize("name", list(COMMANDS))
 def test_every_command_has_help(run: Run, name: str) -> None:
     result = run(name, "--help")

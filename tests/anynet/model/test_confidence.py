@@ -6,10 +6,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import torch.nn.functional as F
 
 from anynet import AnyNetError, Predictor
 from anynet.checkpoint import PACKAGED
-from anynet.model.confidence import ConfidenceModel, evidence_count, gather_evidence
+from anynet.model.confidence import (
+    BLOCKS,
+    PIXEL,
+    PLACE,
+    ConfidenceModel,
+    Evidence,
+    coefficient_count,
+    evidence_count,
+    gather_evidence,
+    products,
+    surroundings,
+)
 from anynet.model.cost_volume import Distribution
 
 
@@ -67,7 +79,9 @@ def test_deviation() -> None:
     values = torch.cat([torch.arange(-2.0, 3).view(1, 5, 1, 1).expand(1, 5, 3, 4), offsets], 1)
     mean = (weight * values).sum(1, keepdim=True)
     expected = (weight * (values - mean) ** 2).sum(1)[0].sqrt()
-    torch.testing.assert_close(Distribution(cost, -2, offsets).deviation(), expected, atol=1e-4, rtol=1e-4)
+    distribution = Distribution(cost, -2, offsets)
+    torch.testing.assert_close(distribution.deviation(), expected, atol=1e-4, rtol=1e-4)
+    torch.testing.assert_close(distribution.deviation(2), expected[::2, ::2], atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("weights", ["default", "large"])
@@ -80,6 +94,45 @@ def test_evidence_of_any_size(weights: str, height: int, width: int) -> None:
             evidence = gather_evidence(network, result, image, image)
             assert len(evidence.channels) == evidence_count(stage, last=stage == 4)
             assert evidence.channels.isfinite().all()
+
+
+def test_products() -> None:
+    channels = torch.rand(3, 2, 2, generator=torch.Generator().manual_seed(0))
+    expected = [channels[i] * channels[j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
+    torch.testing.assert_close(products(channels), torch.stack(expected))
+
+
+def test_surroundings() -> None:
+    channels = torch.rand(7, 33, 50, generator=torch.Generator().manual_seed(0))
+    blocks = surroundings(channels)
+    assert [side for _, side in blocks] == list(BLOCKS)
+    for means, side in blocks:
+        inside = means[:, : 33 // side, : 50 // side]
+        torch.testing.assert_close(inside, F.avg_pool2d(channels[PLACE:], side))
+        assert means.shape == (7 - PLACE, -(-33 // side), -(-50 // side))
+
+
+def test_probability_is_a_regression_of_second_order() -> None:
+    generator = torch.Generator().manual_seed(0)
+    evidence = Evidence(torch.rand(6, 5, 7, generator=generator), torch.zeros(5, 7), 8)
+    parts = [(evidence.channels, 1), (products(evidence.channels), 1), *surroundings(evidence.channels)]
+    coefficients = torch.randn(sum(len(channels) for channels, _ in parts) + 2, generator=generator)
+    difference = torch.rand(37, 51, generator=generator)
+    logit, first = coefficients[-1] * torch.ones(5, 7), 0
+    for channels, side in parts:
+        part = (coefficients[first : first + len(channels), None, None] * channels).sum(0)
+        logit = logit + enlarged(part, side, (5, 7))
+        first += len(channels)
+    checked = enlarged(logit, 8, (37, 51)) + coefficients[-2] * (difference + PIXEL).log()
+    single = torch.cat([coefficients[:-2], coefficients[-1:]])
+    model = ConfidenceModel([single], [coefficients])
+    torch.testing.assert_close(model.probability(1, evidence, (37, 51)), enlarged(logit.sigmoid(), 8, (37, 51)))
+    torch.testing.assert_close(model.probability(1, evidence, (37, 51), difference), checked.sigmoid())
+
+
+def enlarged(x: torch.Tensor, factor: int, size: tuple[int, int]) -> torch.Tensor:
+    out = F.interpolate(x[None, None], scale_factor=factor, mode="bilinear")[0, 0]
+    return out[: size[0], : size[1]]
 
 
 def test_packaged_weights_have_models() -> None:
@@ -112,7 +165,7 @@ def test_models_of_other_networks(tmp_path: Path) -> None:
 
 def test_model_round_trip(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    models = [[torch.randn(evidence_count(k, k == 2) + more) for k in (1, 2)] for more in (1, 2)]
+    models = [[torch.randn(coefficient_count(k, k == 2) + more) for k in (1, 2)] for more in (1, 2)]
     ConfidenceModel(*models).write(tmp_path / "x.json")
     read = ConfidenceModel.read(tmp_path / "x.json", 2)
     for ours, theirs in ((models[0], read.single), (models[1], read.checked)):
