@@ -9,7 +9,6 @@ import pytest
 import torch
 from operator_cases import DTYPES, ISAS, LAYOUTS, TOLERANCES, Case, from_array, to_array
 from torch import Tensor
-from torch._dynamo.testing import CompileCounterWithBackend
 
 import anynet_ext
 from anynet_ext import _kernels, reference
@@ -190,6 +189,8 @@ class DifferentiableOperator:
 
     def test_compile(self, call):
         """One graph, without recompiling for other sizes, equal to eager in both passes."""
+        from torch._dynamo.testing import CompileCounterWithBackend
+
         counter = CompileCounterWithBackend("aot_eager")
 
         def function(*tensors: Tensor | None) -> Tensor:

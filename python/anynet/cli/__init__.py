@@ -15,12 +15,12 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib import import_module
 from types import FrameType
 from typing import TYPE_CHECKING, TextIO
 
-from anynet.cli.told import tell
+from anynet.cli.told import discard, tell
 from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
@@ -63,10 +63,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             tell(str(error))  # not built, or not for this machine
             return 2
         except BrokenPipeError:
-            _discard_output()
+            discard(sys.stdout)
             return 1
         except OSError as error:  # a file, a folder or a stream; never the program's own mistake
-            _discard_output()
+            discard(sys.stdout)
             tell(": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None))
             return 2
         except MemoryError:
@@ -141,12 +141,6 @@ def _open_closed_streams() -> None:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115
-
-
-def _discard_output() -> None:
-    """So that Python's last flush of what cannot be written is quiet."""
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _show_warning(

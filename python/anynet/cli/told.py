@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import wraps
-from typing import Any
+from typing import Any, TextIO
 
 from anynet.errors import printable
 
@@ -24,8 +25,16 @@ def collected_warnings() -> Iterator[list[str]]:
 
 def tell(text: str) -> None:
     """One line on stderr, whatever is in the names of files; nothing where that is closed or full."""
-    with suppress(OSError):
+    try:
         print("anynet:", printable(text), file=sys.stderr)
+    except OSError:
+        discard(sys.stderr)
+
+
+def discard(stream: TextIO) -> None:
+    """So that Python's last flush of what cannot be written is quiet."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def tell_warnings(messages: Iterable[str], about: str = "") -> None:

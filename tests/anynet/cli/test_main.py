@@ -90,7 +90,8 @@ def test_a_full_standard_output_is_one_line() -> None:
             result = subprocess.run([*MODULE, *arguments], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
         assert (result.returncode, result.stderr) == (2, "anynet: No space left on device\n")
     with open("/dev/full", "w") as full:
-        assert subprocess.run([*MODULE, "predict", "a", "b", "--out", "c"], stderr=full, check=False).returncode == 2
+        command, environment = [*MODULE, "predict", "a", "b", "--out", "c"], {**os.environ, "PYTHONUNBUFFERED": ""}
+        assert subprocess.run(command, stderr=full, env=environment, check=False).returncode == 2
 
 
 def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
