@@ -8,8 +8,10 @@ import sys
 from pathlib import Path
 
 import pytest
+import torch
 
-from anynet import load_checkpoint
+from anynet import load_checkpoint, save_checkpoint
+from anynet.checkpoint import load_metadata
 from anynet.model import presets
 
 RECIPES = Path(__file__).parents[2] / "recipes"
@@ -20,6 +22,21 @@ NETWORKS = {
     "paper": presets.filled(),
 }
 KITTI = RECIPES.parent / ".." / "shared" / "data" / "kitti2015"
+
+
+def test_average(tmp_path: Path) -> None:
+    files = []
+    for number in (1, 3):
+        model = load_checkpoint("paper")
+        with torch.no_grad():
+            for parameter in model.parameters():
+                parameter.fill_(number)
+        files.append(tmp_path / f"{number}.safetensors")
+        save_checkpoint(files[-1], model, {"number": number})
+    out = tmp_path / "out.safetensors"
+    subprocess.run([sys.executable, str(RECIPES / "average.py"), out, *files], check=True)
+    assert all(parameter.eq(2).all() for parameter in load_checkpoint(out).parameters())
+    assert load_metadata(out) == {"mean_of": [{"number": 1}, {"number": 3}]}
 
 
 @pytest.mark.slow
@@ -38,6 +55,7 @@ def test_a_recipe_makes_weights(script: Path, tmp_path: Path) -> None:
         "PAIRS": "4",
         "STEPS": "3",
         "KITTI": str(KITTI),
+        "PYTHON": sys.executable,
     }
     for _ in range(2):  # the second time, nothing is left to do
         subprocess.run([str(script), str(tmp_path / "out")], env=environment, check=True, timeout=600)
