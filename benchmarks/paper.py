@@ -398,7 +398,7 @@ def _finished(axis: Axes, title: str) -> None:
     axis.set_xlabel("milliseconds")
     axis.set_ylabel("D1, %")
     axis.grid(alpha=0.3)
-    axis.legend(fontsize="x-small")
+    axis.legend(fontsize="x-small", loc="upper right")
 
 
 # The table and the figures
