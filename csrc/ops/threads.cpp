@@ -1,6 +1,5 @@
 // How many threads the CPU kernels use.
 #include <pthread.h>
-#include <semaphore.h>
 
 #include <cstdlib>
 #include <system_error>
@@ -21,24 +20,33 @@ bool forked = false;
 [[maybe_unused]] const int registered = pthread_atfork(nullptr, nullptr, [] { forked = true; });
 
 #ifdef _OPENMP
-/// Owns a team of more threads than there are processors, all asleep, until `ended` is posted.
+/// Threads that each own a team of more threads than there are processors, all asleep, until they are to end. By
+/// pthread, whose functions, unlike semaphores and C++'s condition variables, have been in every glibc under the same
+/// version.
 class Crowd {
  public:
-  Crowd() { sem_init(&ended_, 0, 0); }
-
   void begin() {
     std::thread([this] {
 #pragma omp parallel num_threads(omp_get_num_procs() + 1)
       asm volatile("");  // or there would be no team
-      while (sem_wait(&ended_) != 0) {
-      }
+      pthread_mutex_lock(&mutex_);
+      while (to_end_ == 0) pthread_cond_wait(&changed_, &mutex_);
+      --to_end_;
+      pthread_mutex_unlock(&mutex_);
     }).detach();
   }
 
-  void end() { sem_post(&ended_); }
+  void end() {
+    pthread_mutex_lock(&mutex_);
+    ++to_end_;
+    pthread_cond_signal(&changed_);
+    pthread_mutex_unlock(&mutex_);
+  }
 
  private:
-  sem_t ended_;
+  pthread_mutex_t mutex_ = PTHREAD_MUTEX_INITIALIZER;
+  pthread_cond_t changed_ = PTHREAD_COND_INITIALIZER;
+  int to_end_ = 0;
 };
 
 Crowd crowd;
