@@ -150,7 +150,7 @@ class Predictor:
         if self.device.type == "cuda" and os.getpid() != self._process:
             raise AnyNetError(f"{method}: expected the process that made the predictor: CUDA does not survive a fork")
         model = self._confidence_model() if confidence else None
-        if self.device.type == "cpu":
+        if self.device.type == "cpu" and not _forked:
             waiting().adapt()
         return Frame(
             self._network, self.config.zoom, images, model, bool(left_right),
