@@ -53,8 +53,12 @@ def evidence_count(stage: int, last: bool) -> int:
 
 def coefficient_count(stage: int, last: bool) -> int:
     """Of the evidence on a stage, its products and its means over the blocks."""
-    count = evidence_count(stage, last)
-    return count + count * (count + 1) // 2 + len(BLOCKS) * (count - PLACE)
+    return sum(_counts(evidence_count(stage, last)))
+
+
+def _counts(channels: int) -> list[int]:
+    """Coefficients of so many channels, their products, and their means over each kind of block."""
+    return [channels, channels * (channels + 1) // 2, *[channels - PLACE] * len(BLOCKS)]
 
 
 def gather_evidence(
@@ -173,7 +177,7 @@ class ConfidenceModel:
         coefficients = (self.single if difference is None else self.checked)[stage - 1]
         channels, means = evidence.channels.flatten(1), surroundings(evidence.channels)
         count = len(channels)
-        counts = [count, count * (count + 1) // 2, *(len(part) for part, _ in means)]
+        counts = _counts(count)
         linear, quadratic, *around = torch.split(coefficients[: sum(counts)], counts)
         form = channels.new_zeros(count, count)
         first, second = torch.triu_indices(count, count, device=form.device)
