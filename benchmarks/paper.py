@@ -19,6 +19,7 @@ import statistics
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatch
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -142,6 +143,7 @@ def main() -> None:
     parser.add_argument("--batch-size", type=int, default=PRETRAINING.batch_size)
     parser.add_argument("--crop-size", type=int, nargs=2, default=PRETRAINING.crop_size)
     parser.add_argument("--splits", type=int, default=SPLITS, help="of each data set, to train and measure on")
+    parser.add_argument("--device", default="cpu", help="where errors are computed; times are the CPU's")
     parser.add_argument("--rounds", type=int, default=7, help="turns of each method in which its time is measured")
     parser.add_argument("--weights", action="append", default=[], help="fig6: other weights beside them; repeatable")
     parser.add_argument("--full-size", action="store_true", help="fig6: time the baselines at full size, minutes each")
@@ -168,6 +170,7 @@ class Work:
     batch_size: int
     crop_size: Sequence[int]
     splits: int
+    device: str
     rounds: int
     weights: list[str]
     full_size: bool
@@ -284,11 +287,11 @@ def _remembered(work: Work, name: str, measure: Callable[[], Any]) -> Any:
     return json.loads(path.read_text())
 
 
-def errors_of(work: Work, name: str, spec: str, methods: dict[int, Method]) -> Errors | None:
+def errors_of(work: Work, name: str, spec: str, methods: dict[int, Callable[[], Method]]) -> Errors | None:
     """The error of a method on the pairs of each split, or None if there is no method.
 
     Args:
-        methods: by number of the split.
+        methods: what gives the method, by number of the split; asked only where its error is not known yet.
     """
     if not methods:
         return None
@@ -296,9 +299,9 @@ def errors_of(work: Work, name: str, spec: str, methods: dict[int, Method]) -> E
     for number, method in methods.items():
         _, pairs = work.split(spec, number)
 
-        def measure(method: Method = method, pairs: Sequence[StereoSample] = pairs) -> list[float]:
+        def measure(method: Callable[[], Method] = method, pairs: Sequence[StereoSample] = pairs) -> list[float]:
             work.progress.print(f"{name}: {spec}")
-            return [stage.mean.d1 for stage in evaluate(method, pairs).stages]
+            return [stage.mean.d1 for stage in evaluate(method(), pairs).stages]
 
         by_split.append(_remembered(work, f"{kind_of(spec)}-{name}-split{number}", measure))
     stages = list(zip(*by_split, strict=True))
@@ -307,15 +310,15 @@ def errors_of(work: Work, name: str, spec: str, methods: dict[int, Method]) -> E
 
 
 def errors_of_point(work: Work, point: Point, spec: str) -> Errors | None:
-    weights = {number: work.folder(point, spec, number) / WEIGHTS for number in work.trained(point, spec)}
-    return errors_of(
-        work, point.name, spec, {n: open_method(path, threads=work.threads) for n, path in weights.items()}
-    )
+    def method(number: int) -> Method:
+        return open_method(work.folder(point, spec, number) / WEIGHTS, device=work.device, threads=work.threads)
+
+    return errors_of(work, point.name, spec, {n: partial(method, n) for n in work.trained(point, spec)})
 
 
-def everywhere(work: Work, method: Method) -> dict[int, Method]:
+def everywhere(work: Work, method: Method) -> dict[int, Callable[[], Method]]:
     """A method that learns nothing of the data, for every split."""
-    return dict.fromkeys(range(work.splits), method)
+    return dict.fromkeys(range(work.splits), lambda: method)
 
 
 def times_of(work: Work, name: str, methods: dict[str, Method], sample: StereoSample) -> dict[str, list[float]]:

@@ -22,6 +22,7 @@ from anynet import AnyNet, Estimate, Predictor, load_checkpoint, save_checkpoint
 from anynet import predictor as predictor_module
 from anynet.errors import AnyNetError
 from anynet.model.config import MEAN, STD, RefinementConfig
+from anynet.synthetic import render
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +119,14 @@ def test_input_scale_of_tiny_images(weights: Path, input_scale: float) -> None:
     predictor = Predictor(weights, input_scale=input_scale)
     for height, width in (1, 1), (7, 30):
         assert predictor.predict(*pair(height, width)).disparity.shape == (height, width)
+
+
+@pytest.mark.parametrize("input_scale", [0.5, 0.7, 1.25])
+def test_tensors_are_resized_as_arrays_are(input_scale: float) -> None:
+    predictor, scene = Predictor(input_scale=input_scale), render(0, 96, 208)
+    expected = predictor.predict(scene.left, scene.right).disparity
+    out = predictor.predict(torch.from_numpy(scene.left), torch.from_numpy(scene.right)).disparity
+    assert np.abs(out.numpy() - expected).mean() < 0.02
 
 
 @pytest.mark.parametrize("input_scale", [0, -1, 5, float("nan")])

@@ -21,6 +21,7 @@ from anynet.baselines.psmnet import PSMNet, PSMNetBasic
 from anynet.baselines.stereodnn import NVTiny, ResNet18Correlation
 from anynet.baselines.stereonet import StereoNet
 from anynet.checkpoint import check_tensors, find_weights, read_safetensors, stored_object
+from anynet.device import find_device
 from anynet.errors import AnyNetError
 from anynet.frame import check_images
 from anynet.model.anynet import normalize, resized
@@ -99,11 +100,16 @@ class BaselinePredictor:
 
     Args:
         model: with its weights.
+        device: "cpu", "cuda", "cuda:N" or "auto", as `Predictor`'s.
         threads: CPU threads to compute on; default: as many as PyTorch uses.
+
+    Raises:
+        AnyNetError: if the device is not there.
     """
 
-    def __init__(self, model: BaselineModel, *, threads: int | None = None) -> None:
-        self.model, self.threads = model.eval(), threads
+    def __init__(self, model: BaselineModel, *, device: str = "cpu", threads: int | None = None) -> None:
+        self.device, self.threads = find_device(device), threads
+        self.model = model.eval().to(self.device)
 
     def stages(self, left: NDArray[np.uint8], right: NDArray[np.uint8]) -> Iterator[Estimate]:
         """One estimate, stage 1, of a rectified pair, [H, W, 3] uint8 RGB.
@@ -114,8 +120,8 @@ class BaselinePredictor:
         start = perf_counter()
         images = check_images(left, right)
         with inference(self.threads):
-            inputs = (normalize(image.permute(2, 0, 1)[None]).contiguous() for image in images)
-            disparity = self.model(*inputs)[-1][0, 0].numpy()
+            inputs = (normalize(image.to(self.device).permute(2, 0, 1)[None]).contiguous() for image in images)
+            disparity = self.model(*inputs)[-1][0, 0].cpu().numpy()
         yield Estimate(1, disparity, 1e3 * (perf_counter() - start))
 
 

@@ -122,7 +122,7 @@ def evaluate(
         methods.append((name, opened))
     for name in model or []:
         random = BaselineModel(BaselineConfig(model=name, input_scale=input_scale or 1))
-        methods.append((f"{name}, random weights", BaselinePredictor(random, threads=threads).stages))
+        methods.append((f"{name}, random weights", BaselinePredictor(random, device=device, threads=threads).stages))
     for choice in method or []:
         methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))
     datasets = [open_dataset(spec) for spec in data]

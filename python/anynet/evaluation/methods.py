@@ -23,19 +23,20 @@ def open_method(
 
     Args:
         weights: a packaged name or a file.
-        device, precision: as `Predictor`'s; baselines compute on the CPU.
+        device, precision: as `Predictor`'s; baselines compute in float32.
         threads: CPU threads; default: as many as PyTorch uses.
         input_scale: as `Predictor`'s; a baseline has its own.
 
     Raises:
-        AnyNetError: if the weights cannot be loaded, or `input_scale` or another device is given for a baseline's.
+        AnyNetError: if the weights cannot be loaded, the device is not there, or `input_scale` or another precision is
+            given for a baseline's.
     """
     path = find_weights(weights)
     if stored_config(path) is None:
         predictor = Predictor(weights, device=device, precision=precision, threads=threads, input_scale=input_scale)
         return predictor.stages
-    if device != "cpu":
-        raise AnyNetError(f"{path}: expected device 'cpu' with a baseline's weights, got {device!r}")
+    if precision != "float32":
+        raise AnyNetError(f"{path}: expected precision 'float32' with a baseline's weights, got {precision!r}")
     if input_scale is not None:
         raise AnyNetError(f"{path}: expected no input_scale with a baseline's weights, got {input_scale:g}")
-    return BaselinePredictor(load_baseline(path), threads=threads).stages
+    return BaselinePredictor(load_baseline(path), device=device, threads=threads).stages

@@ -103,6 +103,18 @@ def normalize(images: Tensor) -> Tensor:
 
 
 def resized(images: Tensor, scale: float) -> Tensor:
-    """[N, C, H, W] by the factor `scale`, bilinear, averaging where it shrinks."""
-    size = [max(1, round(scale * side)) for side in images.shape[2:]]
-    return F.interpolate(images, size, mode="bilinear", antialias=scale < 1)
+    """[N, C, H, W] by the factor `scale`: bilinear, or where it shrinks, each pixel the mean of what it covers, as OpenCV's
+    INTER_AREA, by which the predictor resizes arrays."""
+    height, width = (max(1, round(scale * side)) for side in images.shape[2:])
+    if scale >= 1:
+        return F.interpolate(images, (height, width), mode="bilinear")
+    with torch.autocast(images.device.type, enabled=False):
+        return _areas(images.shape[2], height, images) @ images @ _areas(images.shape[3], width, images).mT
+
+
+def _areas(size: int, count: int, like: Tensor) -> Tensor:
+    """[count, size]: the share of each of `size` pixels in each of the `count` that cover the same length."""
+    edges = torch.arange(count + 1, dtype=torch.float32, device=like.device) * (size / count)
+    pixels = torch.arange(size, dtype=torch.float32, device=like.device)
+    covered = torch.minimum(edges[1:, None], pixels + 1) - torch.maximum(edges[:-1, None], pixels)
+    return (covered.clamp(min=0) * (count / size)).to(like.dtype)

@@ -32,3 +32,7 @@ def test_a_baselines_estimate(tmp_path):
     np.testing.assert_allclose(estimate.disparity, expected.disparity, atol=1e-4)
     with pytest.raises(AnyNetError, match=r"weights.safetensors: expected no input_scale with a baseline"):
         open_method(path, input_scale=2)
+    with pytest.raises(AnyNetError, match=r"weights.safetensors: expected precision 'float32' with a baseline"):
+        open_method(path, precision="float16")
+    with pytest.raises(AnyNetError, match="expected device 'cpu', 'cuda', 'cuda:N' or 'auto', got 'gpu'"):
+        open_method(path, device="gpu")

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
+import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
@@ -9,6 +11,7 @@ from networks import pair
 
 from anynet import AnyNet, AnyNetConfig
 from anynet.errors import AnyNetError
+from anynet.model.anynet import resized
 from anynet.model.config import FeaturesConfig, FirstStageConfig, RefinementConfig, ResidualStagesConfig
 from anynet.model.layers import Convolution
 
@@ -137,6 +140,14 @@ def test_any_input_scale_gives_estimates_of_the_images_size(model: AnyNet, input
     with torch.no_grad():
         estimates = scaled(*pair(37, 61))
     assert [e.shape for e in estimates] == [(1, 1, 37, 61)] * 4
+
+
+@pytest.mark.parametrize(("size", "scale"), [((96, 208), 0.5), ((97, 211), 0.7), ((375, 1242), 0.25), ((50, 33), 1 / 16)])
+def test_images_shrink_as_opencv_shrinks_them(size: tuple[int, int], scale: float) -> None:
+    image = np.random.default_rng(0).uniform(0, 255, (*size, 3)).astype(np.float32)
+    small = resized(torch.from_numpy(image).permute(2, 0, 1)[None], scale)[0].permute(1, 2, 0).numpy()
+    height, width = small.shape[:2]
+    np.testing.assert_allclose(small, cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), atol=0.01)
 
 
 def test_errors_name_what_came(model: AnyNet) -> None:
