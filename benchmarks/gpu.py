@@ -457,7 +457,7 @@ def estimate_network(weights: str) -> None:
     from anynet import load_checkpoint
     from anynet.model.deploy import DeployedAnyNet
 
-    network = DeployedAnyNet(load_checkpoint(weights))
+    network = DeployedAnyNet(load_checkpoint(weights), torch.float32)
     images = [torch.zeros((*KITTI, 3), dtype=torch.uint8) for _ in range(2)]
     print(f"\n{weights}, {KITTI[0]}x{KITTI[1]}\n")
     print(f"| stage | operators | MB | GMAC | {' | '.join(f'{gpu} µs' for gpu in BANDWIDTH)} |")

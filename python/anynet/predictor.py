@@ -86,14 +86,15 @@ class Predictor:
             raise AnyNetError(f"Predictor: expected threads as an integer from 1 to {MAX_THREADS}, got {threads!r}")
         self.device = find_device(device)
         dtype = find_precision(precision, self.device)
-        network = DeployedAnyNet(load_checkpoint(weights, input_scale), dtype)
+        gpu = self.device.type == "cuda"
+        network = DeployedAnyNet(load_checkpoint(weights, input_scale), dtype if gpu else None)
         if input_scale is not None and network.config.reach < MAX_DISPARITY:
             reach = f"these weights find disparities below {network.config.reach:.0f} pixels then"
             warnings.warn(f"input_scale {input_scale:g}: {reach}", stacklevel=2)
         self._network: DeployedAnyNet | GraphedAnyNet = network
         self._clock: HostClock | DeviceClock = HostClock()
         self._process = os.getpid()
-        if self.device.type == "cuda":
+        if gpu:
             try:
                 self._network = GraphedAnyNet(network.to(self.device))
             except RuntimeError as error:  # of CUDA

@@ -13,6 +13,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
 
+import cv2
 import numpy as np
 import pytest
 import torch
@@ -22,7 +23,6 @@ from anynet import AnyNet, Estimate, Predictor, load_checkpoint, save_checkpoint
 from anynet import predictor as predictor_module
 from anynet.errors import AnyNetError
 from anynet.model.config import MEAN, STD, RefinementConfig
-from anynet.synthetic import render
 
 
 @pytest.fixture(scope="module")
@@ -123,9 +123,10 @@ def test_input_scale_of_tiny_images(weights: Path, input_scale: float) -> None:
 
 @pytest.mark.parametrize("input_scale", [0.5, 0.7, 1.25])
 def test_tensors_are_resized_as_arrays_are(input_scale: float) -> None:
-    predictor, scene = Predictor(input_scale=input_scale), render(0, 96, 208)
-    expected = predictor.predict(scene.left, scene.right).disparity
-    out = predictor.predict(torch.from_numpy(scene.left), torch.from_numpy(scene.right)).disparity
+    predictor, texture = Predictor(input_scale=input_scale), cv2.resize(pair(32, 72)[0], (214, 96))
+    left, right = texture[:, :208].copy(), texture[:, 6:].copy()
+    expected = predictor.predict(left, right).disparity
+    out = predictor.predict(torch.from_numpy(left), torch.from_numpy(right)).disparity
     assert np.abs(out.numpy() - expected).mean() < 0.02
 
 

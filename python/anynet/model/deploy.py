@@ -57,12 +57,12 @@ class DeployedAnyNet(nn.Module):
 
     Args:
         model: in eval mode.
-        precision: in which type its convolutions compute, but for those of fewer than 8 channels. Cost volumes,
-            disparities and all that lies between layers are float32.
+        precision: for a GPU: in which type its wider convolutions compute, by cuDNN. Cost volumes, disparities and all
+            that lies between layers are float32. None: all is computed by our own operators, as on the CPU.
     """
 
     @torch.no_grad()
-    def __init__(self, model: AnyNet, precision: torch.dtype = torch.float32) -> None:
+    def __init__(self, model: AnyNet, precision: torch.dtype | None = None) -> None:
         super().__init__()
         self.config = config = model.config
         self.features = model.features.deploy(config.enlargement, config.stride)
@@ -70,10 +70,10 @@ class DeployedAnyNet(nn.Module):
         self.residual_stages = nn.ModuleList(stage.deploy() for stage in model.residual_stages)  # type: ignore[operator]
         self.refinement = model.refinement.deploy()
         self.requires_grad_(False).eval()
-        if precision != torch.float32:
+        if precision is not None:
             for part in self.modules():
                 if isinstance(part, (DeployedConvolution, DeployedPair)):
-                    part.in_precision(precision)
+                    part.for_gpu(precision)
 
     def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
         """The first `stages` disparity maps (default: all), [H, W] each, of uint8 RGB images [H, W, 3]."""

@@ -13,6 +13,7 @@ from anynet import AnyNet, AnyNetConfig, load_checkpoint
 from anynet.checkpoint import PACKAGED
 from anynet.model import presets
 from anynet.model.deploy import DeployedAnyNet
+from anynet.model.layers import DeployedConvolution
 from anynet.model.residual_stage import DeployedCandidateStage, DeployedResidualStage
 from anynet_ext import reference
 
@@ -146,6 +147,16 @@ def test_half_precision_moves_disparities_by_hundredths_of_pixels(
     for one, other in zip(found, expected, strict=True):
         assert one.dtype == torch.float32
         assert 0 < (one - other).abs().mean() < (0.1 if precision == torch.bfloat16 else 0.02)
+
+
+@pytest.mark.parametrize("weights", ["paper", "default"])
+def test_wide_convolutions_by_pytorch_give_the_same(weights: str) -> None:
+    model, pair = load_checkpoint(weights), shifted_texture()
+    own, mixed = DeployedAnyNet(model), DeployedAnyNet(model, torch.float32)
+    parts = [part for part in mixed.modules() if isinstance(part, DeployedConvolution)]
+    assert {part._ours for part in parts} == {True, False}
+    for one, other in zip(mixed(*pair), own(*pair), strict=True):
+        torch.testing.assert_close(one, other, rtol=0, atol=1e-3)
 
 
 @pytest.mark.slow
