@@ -52,11 +52,8 @@ SPLITS = 5
 SCALES = (1, 1 / 4, 1 / 8, 1 / 16)
 COMMANDS = ("train", "table2", "fig5", "fig6", "fig7")
 
-PRETRAINING = Recipe(steps=2_000, batch_size=4, warmup_steps=100)
-FINE_TUNING = Recipe(steps=300, batch_size=4, warmup_steps=20)
-LEARNING_RATE = 1e-3  # of pretraining; half of it afterwards
-# What has no norm learns nothing at that rate; this one is of DispNet's authors.
-LEARNING_RATES = {"dispnetc": 1e-4, "resnet18-2d": 1e-4, "nvtiny": 1e-4}
+PRETRAINING = Recipe(steps=2_000, batch_size=4, learning_rate=1e-3, warmup_steps=100)
+FINE_TUNING = Recipe(steps=300, batch_size=4, learning_rate=5e-4, warmup_steps=20)
 
 
 @dataclass(frozen=True)
@@ -107,10 +104,6 @@ class Point:
     label: str
     recipe: Recipe
     baseline: str | None = None
-
-    @property
-    def learning_rate(self) -> float:
-        return LEARNING_RATES.get(self.baseline or "", LEARNING_RATE)
 
 
 def _anynet(name: str, label: str, **changes: Any) -> Point:
@@ -228,8 +221,7 @@ def train_all(work: Work) -> None:
                     if begun is None
                     else {"weights": str(begun)}
                 )
-                own = {"network": point.recipe.network, "learning_rate": point.learning_rate / 2}
-                recipe = replace(FINE_TUNING, steps=work.fine_tuning_steps, **own, **start)
+                recipe = replace(FINE_TUNING, network=point.recipe.network, steps=work.fine_tuning_steps, **start)
                 train(_sized(work, recipe), out, resume=True, data=pairs, validation={})
     print_training(work)
 
@@ -239,7 +231,6 @@ def _pretrained(work: Work, point: Point) -> Path:
     if not (out / WEIGHTS).exists():
         work.progress.print(f"{point.name}: {work.pretraining}")
         own = {name: getattr(point.recipe, name) for name in ("network", "model", "input_scale")}
-        own["learning_rate"] = point.learning_rate
         recipe = replace(PRETRAINING, data=(work.pretraining,), steps=work.steps, **own)
         train(_sized(work, recipe), out, resume=True)
     return out / WEIGHTS
