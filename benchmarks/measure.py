@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from torch.overrides import TorchFunctionMode
 
-from anynet_ext import _kernels, reference
+from anynet_ext import reference
 
 HEIGHT, WIDTH = 368, 1232  # KITTI's images, cut to multiples of 16
 WIDE = 200  # columns
@@ -156,6 +156,8 @@ class Limits:
 
 def multiply_adds(threads: int, isa: Any = None) -> Callable[[], int]:
     """A loop of nothing but multiply-adds in registers, some milliseconds long, that returns their number."""
+    from anynet_ext import _kernels  # which wheels lack
+
     return partial(_kernels.multiply_add, isa or _kernels.chosen_isa(), 1_000_000, threads)
 
 
@@ -170,6 +172,8 @@ def matrix_product() -> Callable[[], object]:
 
 def measure_limits(threads: int) -> Limits:
     """Peaks by a loop of multiply-adds and by a copy; a matrix product beside them."""
+    from anynet_ext import _kernels
+
     torch.set_num_threads(threads)
     sets = [isa for isa in _kernels.Isa.__members__.values() if _kernels.isa_available(isa)]
     loops = {isa.name: 1000 * run() / median_ms(run) for isa in sets for run in [multiply_adds(threads, isa)]}
