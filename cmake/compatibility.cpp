@@ -1,6 +1,6 @@
 // What newer compilers' headers take from a libstdc++ (3.4.25 and later) or glibc (2.29 and later) that systems which
-// AnyNet's wheels are for (manylinux_2_28) do not have. Defined here, it is not asked of the system. Weak: a compiler that
-// has libstdc++ as an archive only links that one's own besides.
+// AnyNet's wheels are for (manylinux_2_28) do not have. Defined here, it is not asked of the system. Weak: a compiler
+// that has libstdc++ as an archive only links that one's own besides.
 #include <new>
 #include <sstream>
 

@@ -103,8 +103,8 @@ def normalize(images: Tensor) -> Tensor:
 
 
 def resized(images: Tensor, scale: float) -> Tensor:
-    """[N, C, H, W] by the factor `scale`: bilinear, or where it shrinks, each pixel the mean of what it covers, as OpenCV's
-    INTER_AREA, by which the predictor resizes arrays."""
+    """[N, C, H, W] by the factor `scale`: bilinear; where it shrinks, each pixel the mean of what it covers, as
+    OpenCV's INTER_AREA, by which the predictor resizes arrays."""
     height, width = (max(1, round(scale * side)) for side in images.shape[2:])
     if scale >= 1:
         return F.interpolate(images, (height, width), mode="bilinear")

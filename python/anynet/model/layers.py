@@ -79,7 +79,7 @@ class DeployedConvolution(nn.Module):
         return self._stride == 1 and self._ours and not self._relu_in
 
     def for_gpu(self, dtype: torch.dtype) -> None:
-        """Computes in this type from now on, by PyTorch, where that is faster on a GPU; inputs and results stay float32.
+        """Computes in this type from now on, by PyTorch, where that is faster on a GPU. Inputs and results are float32.
 
         Layers of few channels are cheap, and the inputs or results of one channel are disparities or costs.
         """

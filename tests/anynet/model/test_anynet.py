@@ -142,7 +142,9 @@ def test_any_input_scale_gives_estimates_of_the_images_size(model: AnyNet, input
     assert [e.shape for e in estimates] == [(1, 1, 37, 61)] * 4
 
 
-@pytest.mark.parametrize(("size", "scale"), [((96, 208), 0.5), ((97, 211), 0.7), ((375, 1242), 0.25), ((50, 33), 1 / 16)])
+@pytest.mark.parametrize(
+    ("size", "scale"), [((96, 208), 0.5), ((97, 211), 0.7), ((375, 1242), 0.25), ((50, 33), 1 / 16)]
+)
 def test_images_shrink_as_opencv_shrinks_them(size: tuple[int, int], scale: float) -> None:
     image = np.random.default_rng(0).uniform(0, 255, (*size, 3)).astype(np.float32)
     small = resized(torch.from_numpy(image).permute(2, 0, 1)[None], scale)[0].permute(1, 2, 0).numpy()
