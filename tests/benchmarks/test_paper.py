@@ -109,7 +109,7 @@ def test_every_command(tmp_path, monkeypatch):
 def test_pairs_of_a_split_are_apart(tmp_path):
     work = paper.Work(
         threads=1, data=[DATA], runs=tmp_path, out=tmp_path, only=None, pretraining="", steps=1, fine_tuning_steps=1,
-        batch_size=1, crop_size=(64, 128), splits=3, rounds=1, weights=[], full_size=False, again=False,
+        batch_size=1, crop_size=(64, 128), splits=3, device="cpu", rounds=1, weights=[], full_size=False, again=False,
     )  # fmt: skip
     for number in range(3):
         learned, measured = work.split(DATA, number)
