@@ -1,6 +1,6 @@
 #!/bin/sh
 # The last two runs of the weights `large`, which taught them real rigs: two and a half hours on two cores, or five minutes
-# on an H100. The weights are the mean of both runs': as exact on good pairs as the first, and less upset by bad ones. The
+# on an H100. The weights are the mean of both: nearly as exact on good pairs as the first, and less upset by bad ones. The
 # runs before are in docs/weights.md.
 #
 #     recipes/large.sh FOLDER
