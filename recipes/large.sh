@@ -16,7 +16,7 @@ anynet render --out "$out/first" --count "${PAIRS:-800}" --seed 500000
 anynet render --out "$out/second" --count "${PAIRS:-400}" --seed 500800
 anynet finetune --preset enlarged --weights "${LARGE:-large}" --steps "${STEPS:-1000}" --seed 11 $rigs \
     --learning-rate 5e-4 --data "rendered:$out/first" --data "rendered:$out/second" --out "$out/large-first" --resume
-# Larger crops, four times as many, at a higher rate.
+# Larger crops, twice as many, at a higher rate.
 anynet render --out "$out/third" --count "${PAIRS:-1000}" --seed 900000
 anynet finetune --preset enlarged --weights "$out/large-first/weights.safetensors" --steps "${STEPS:-1951}" --seed 21 $rigs \
     --learning-rate 1e-3 --batch-size 6 --crop-size 256 512 --robust-scale 0 --ema-decay 0.995 \
