@@ -156,23 +156,14 @@ def test_a_number_of_the_camera_is_not_one_of_the_frame(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("how", ["folders", "patterns"])
 def test_ten_thousand_pairs(tmp_path: Path, how: str) -> None:
-    """Four times as many pairs take about four times as long, and not sixteen times."""
     first = tmp_path / "0"
     first.touch()
-
-    def seconds(count: int) -> float:
-        folder = tmp_path / str(count)
-        for side in ("l", "r"):
-            (folder / side).mkdir(parents=True)
-            for number in range(count):
-                os.link(first, folder / side / f"{number:05}.png")
-        given = [str(folder / side / ("" if how == "folders" else "*.png")) for side in ("l", "r")]
-        times = []
-        for _ in range(3):
-            start = time.process_time()
-            pairs, alone = find_pairs(*given)
-            times.append(time.process_time() - start)
-            assert (len(pairs), len(alone)) == (count, 0)
-        return min(times)
-
-    assert seconds(10_000) < 9 * seconds(2_500)
+    for side in ("l", "r"):
+        (tmp_path / side).mkdir()
+        for number in range(10_000):
+            os.link(first, tmp_path / side / f"{number:05}.png")
+    given = [str(tmp_path / side / ("" if how == "folders" else "*.png")) for side in ("l", "r")]
+    start = time.process_time()
+    pairs, alone = find_pairs(*given)
+    assert time.process_time() - start < 1
+    assert (len(pairs), len(alone)) == (10_000, 0)
