@@ -1,7 +1,7 @@
 """Fuzzes one target, or all: python tests/fuzz/run.py TARGET --inputs 100000.
 
 Damaged files go to the readers, random arguments to the operators (targets.py), in a process of their own. What must
-not happen is counted as failed: a signal, more than 5 s of computing, more than 2 GB of memory (of a reader; an
+not happen is counted as failed: a signal, more than 5 s of computing, more memory than --memory (of a reader; an
 operator takes what its arguments ask for), an exception that is not documented, a message that is not one short line
 with the file's name. Failing inputs are kept, in --keep. An input is a function of target, seed and number: --first N
 --inputs 1 makes it again. Exit status 1 if anything failed.
@@ -35,7 +35,7 @@ from mutations import mutated
 from targets import TARGETS, Calls, Reader
 
 SECONDS = 5  # of computing, per input
-MEMORY = 2 * 10**9  # bytes in use
+MEMORY = 2 * 10**9  # bytes in use, of a reader
 LETTERS = 1000  # of a message
 _ADDRESSES = 6 * 10**9  # of the process, so that the machine survives what fails
 _STUCK = 600  # seconds without a sign of life: it waits, without computing
@@ -50,9 +50,11 @@ class _Input:
         self.name, self.seed = name, seed
         self.target = TARGETS[name]
         self.seeds = self.target.corpus() if isinstance(self.target, Reader) else []
-        if isinstance(self.target, Calls):
-            self.target.prepare()  # takes seconds, which are not the first call's
         self.file = folder / f"input{self.target.ending if isinstance(self.target, Reader) else ''}"
+        if isinstance(self.target, Reader):  # what it imports, and prepares, takes seconds that are not an input's
+            self.read(self.seeds[0])
+        else:
+            self.target.prepare()
 
     def run(self, number: int) -> str:
         """Makes the input and tries it: the outcome, one of FINE or what failed."""
@@ -81,7 +83,7 @@ class _Input:
         return "read"
 
 
-def _work(name: str, seed: int, first: int, last: int, folder: Path) -> None:
+def _work(name: str, seed: int, first: int, last: int, memory: int, folder: Path) -> None:
     """The worker: keeps the count in _Progress, and says a line of JSON per failure, [number, outcome]."""
     warnings.simplefilter("ignore")
     source, progress = _Input(name, seed, folder), _Progress(folder)
@@ -96,14 +98,14 @@ def _work(name: str, seed: int, first: int, last: int, folder: Path) -> None:
             outcome = f"{type(error).__name__}: {error}\n{traceback.format_exc()}"
         signal.setitimer(signal.ITIMER_PROF, 0)
         used = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        if used > MEMORY and isinstance(source.target, Reader):
+        if used > memory and isinstance(source.target, Reader):
             outcome = f"memory: {used / 1e9:.1f} GB"
         if outcome not in FINE:
             if source.file.exists():
                 source.file.replace(folder / f"{number}{source.file.suffix}")
             os.write(3, json.dumps([number, outcome]).encode() + b"\n")
         progress.end(outcome)
-        if used > MEMORY:
+        if used > memory:
             return  # the most ever used is all that the system tells: begin again
 
 
@@ -144,11 +146,12 @@ class _Progress:
 class _Worker:
     """A process that works on the inputs first ... last - 1."""
 
-    def __init__(self, name: str, seed: int, first: int, last: int, folder: Path) -> None:
+    def __init__(self, name: str, seed: int, first: int, last: int, memory: int, folder: Path) -> None:
         self.progress = _Progress.anew(folder)
         self.seconds, self.stopped = 0.0, False
         self._failures, writing = os.pipe()
-        own = [sys.executable, __file__, name, "--seed", str(seed), "--worker", str(first), str(last), str(folder)]
+        own = [sys.executable, __file__, name, "--seed", str(seed), "--memory", str(memory)]
+        own += ["--worker", str(first), str(last), str(folder)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONFAULTHANDLER": "", "TMPDIR": str(folder)}
         self.process = subprocess.Popen(
             ["bash", "-c", 'exec 3>&"$0"; exec "$@"', str(writing), *own],
@@ -167,9 +170,9 @@ class _Worker:
             now = time.monotonic()
             if self.progress.begun != begun:
                 begun, changed = self.progress.begun, now
-            if start is None and self.progress.ended:
+            if start is None and begun:
                 start = now
-            self.seconds = now - (start or now)  # not those of starting, nor of the first input, which imports
+            self.seconds = now - (start or now)  # not those of starting
             self.stopped = self.seconds >= seconds
             if self.stopped or now - changed > _STUCK:
                 self.process.kill()
@@ -186,15 +189,17 @@ class _Worker:
                 yield number, outcome
 
 
-def fuzz(name: str, seed: int, inputs: int, *, first: int = 0, seconds: float = math.inf, keep: Path) -> Counter[str]:
+def fuzz(
+    name: str, seed: int, inputs: int, *, first: int = 0, seconds: float = math.inf, memory: int = MEMORY, keep: Path
+) -> Counter[str]:
     """Tries the inputs first ... first + inputs - 1, for at most that many seconds; counts the outcomes."""
     counts: Counter[str] = Counter()
-    memory = Path("/dev/shm")
+    shared = Path("/dev/shm")
     next_input, last = first, first + inputs
-    with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as temporary:
+    with tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None) as temporary:
         folder = Path(temporary)
         while next_input < last:
-            worker = _Worker(name, seed, next_input, last, folder)
+            worker = _Worker(name, seed, next_input, last, memory, folder)
             for number, outcome in worker.failures(seconds):
                 _failed(counts, name, number, outcome, next(folder.glob(f"{number}.*"), None), keep)
             counts += worker.progress.fine
@@ -226,7 +231,7 @@ def _failed(counts: Counter[str], name: str, number: int, outcome: str, file: Pa
             (keep / f"{name}-{number}{file.suffix}").write_bytes(file.read_bytes())
 
 
-def _atheris(name: str, inputs: int, keep: Path) -> None:
+def _atheris(name: str, inputs: int, memory: int, keep: Path) -> None:
     """Never returns: libFuzzer ends the process, with status 0 if nothing failed."""
     import atheris
 
@@ -234,7 +239,6 @@ def _atheris(name: str, inputs: int, keep: Path) -> None:
     with tempfile.TemporaryDirectory() as temporary, atheris.instrument_imports(include=included):
         source = _Input(name, 0, Path(temporary))
         assert isinstance(source.target, Reader), f"{name} does not read files"
-        source.read(source.seeds[0])  # imports everything
 
         def one(data: bytes) -> None:
             outcome = source.read(data)
@@ -246,7 +250,7 @@ def _atheris(name: str, inputs: int, keep: Path) -> None:
         for number, data in enumerate(source.seeds):
             (seeds / str(number)).write_bytes(data)
         keep.mkdir(parents=True, exist_ok=True)
-        limits = [f"-runs={inputs}", f"-timeout={SECONDS}", f"-rss_limit_mb={MEMORY // 2**20}"]
+        limits = [f"-runs={inputs}", f"-timeout={SECONDS}", f"-rss_limit_mb={memory // 2**20}"]
         warnings.simplefilter("ignore")
         atheris.Setup([sys.argv[0], *limits, f"-artifact_prefix={keep}/{name}-", str(seeds)], one)
         atheris.Fuzz()
@@ -259,21 +263,28 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=math.inf, help="at most so long, per target")
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--memory", type=int, default=MEMORY, help="bytes in use, at most")
     parser.add_argument("--engine", choices=["mutations", "atheris"], default="mutations")
     parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"), help="folder for failing inputs")
     parser.add_argument("--worker", nargs=3, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
         first, last, folder = options.worker
-        _work(options.target, options.seed, int(first), int(last), Path(folder))
+        _work(options.target, options.seed, int(first), int(last), options.memory, Path(folder))
         return 0
     if options.engine == "atheris":
-        _atheris(options.target, options.inputs, options.keep)
+        _atheris(options.target, options.inputs, options.memory, options.keep)
     failed = False
     for name in TARGETS if options.target == "all" else [options.target]:
         start = time.monotonic()
         counts = fuzz(
-            name, options.seed, options.inputs, first=options.first, seconds=options.seconds, keep=options.keep
+            name,
+            options.seed,
+            options.inputs,
+            first=options.first,
+            seconds=options.seconds,
+            memory=options.memory,
+            keep=options.keep,
         )
         outcomes = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items(), key=lambda one: one[0]))
         print(f"{name}: {counts.total()} inputs in {time.monotonic() - start:.0f} s: {outcomes}", flush=True)

@@ -144,14 +144,14 @@ def _names(paths: list[Path]) -> list[str]:
 
     Not with what links point to: two may point to one file.
     """
+    stems = [path.stem for path in paths]
+    if _numbered(stems) == stems:
+        return stems
     above = len(Path(os.path.commonpath([path.parent for path in paths])).parts)
+    longer = ["_".join(path.with_suffix("").parts[above:]) for path in paths]
+    if _numbered(longer) == longer:
+        return longer
     joined = ["_".join(path.parts[above:]).replace(".", "_") for path in paths]
-    for names in (
-        [path.stem for path in paths],
-        ["_".join(path.with_suffix("").parts[above:]) for path in paths],
-    ):
-        if _numbered(names) == names:
-            return names
     return _numbered(joined)
 
 
