@@ -117,7 +117,10 @@ int main() {
       }
     }
     test<float>(ConvShape{3, 8, 12, 5, 23, 77, 3, stride}, false);  // large enough for several threads
-    for (int64_t depth : {1, 2, 3}) {                               // enough channels for tiles, flat or not
+    for (int64_t depth : {8, 9, 19}) {                              // planes that do not fit the caches at once
+      test<float>(ConvShape{2, 3, 5, depth, 7, 37, 3, stride}, depth == 9);
+    }
+    for (int64_t depth : {1, 2, 3}) {  // enough channels for tiles, flat or not
       for (int64_t height : {2, 5}) {
         for (int64_t width : {16, 18, 35, 101})
           test<float>(ConvShape{2, 11, 18, depth, height, width, depth == 1 ? 1 : 3, stride}, depth == 2);

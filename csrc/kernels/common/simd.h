@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 #include "half.h"
 #include "tensor.h"
@@ -144,11 +145,25 @@ ANYNET_INLINE vec<double> load(const double* p, LaneRange<double> lanes) {
   return reinterpret_cast<vec<double>>(_mm512_maskz_loadu_pd(static_cast<uint8_t>(lanes.on), p));
 }
 #elif defined(__AVX2__)
+/// As many zeros as a vector has lanes, as many ones (all bits), and zeros again: a mask is a window of them.
+template <class A>
+struct Ones {
+  std::remove_reference_t<decltype(typename Simd<A>::mask{}[0])> at[3 * lanes<A>]{};
+  constexpr Ones() {
+    for (int i = 0; i < lanes<A>; ++i) at[lanes<A> + i] = -1;
+  }
+};
+template <class A>
+inline constexpr Ones<A> ones;
+
 template <class A>
 struct LaneRange {
-  typename Simd<A>::mask on{};
+  typename Simd<A>::mask on;
   LaneRange(int first, int end) {
-    for (int i = first; i < end; ++i) on[i] = -1;
+    typename Simd<A>::mask before_end;
+    std::memcpy(&on, ones<A>.at + lanes<A> - first, sizeof(on));
+    std::memcpy(&before_end, ones<A>.at + 2 * lanes<A> - end, sizeof(on));
+    on &= before_end;
   }
 };
 ANYNET_INLINE vec<float> load(const float* p, LaneRange<float> lanes) {

@@ -39,10 +39,20 @@ auto activation(const Args& a) {
 template <class T, class Weight>
 void convolve(const Geometry& g, const Source<T>& source, const Weight& weight, const T* bias, bool relu,
               const T* positive, T* out, int threads) {
-  if (Tiling<T, false>::pays(g)) {
-    convolve_tiles<T, false>(g, source, pack_transformed<T, false>(g, weight), bias, relu, positive, out, threads);
-  } else if (Tiling<T, true>::pays(g)) {
-    convolve_tiles<T, true>(g, source, pack_transformed<T, true>(g, weight), bias, relu, positive, out, threads);
+  const auto by_tiles = [&](auto over) {
+    const auto packed = pack_transformed<T, over()>(g, weight);
+    if constexpr (over() == Over::height) {
+      convolve_heights(g, source, packed, bias, relu, positive, out, threads);
+    } else {
+      convolve_tiles<T, over()>(g, source, packed, bias, relu, positive, out, threads);
+    }
+  };
+  if (Tiling<T, Over::depth_and_height>::pays(g)) {
+    by_tiles(std::integral_constant<Over, Over::depth_and_height>{});
+  } else if (Tiling<T, Over::height_and_width>::pays(g)) {
+    by_tiles(std::integral_constant<Over, Over::height_and_width>{});
+  } else if (Tiling<T, Over::height>::pays(g)) {
+    by_tiles(std::integral_constant<Over, Over::height>{});
   } else {
     convolve_rows(g, source, pack<T>(g, weight), bias, relu, positive, out, threads);
   }

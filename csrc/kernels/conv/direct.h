@@ -27,6 +27,11 @@ constexpr int registers = 32;
 #else
 constexpr int registers = 16;
 #endif
+#if defined(__AVX2__) && !defined(__AVX512F__)
+constexpr bool exact = true;
+#else
+constexpr bool exact = false;
+#endif
 constexpr int max_channels = registers / 4;  // of a block
 
 template <class T>
@@ -39,6 +44,21 @@ ANYNET_INLINE void read_after(const T*& p, vec<T>& v) {
   asm("" : "+r"(p), "+v"(v));
 #elif defined(__aarch64__)
   asm("" : "+r"(p), "+w"(v));
+#endif
+}
+
+/// sum += a * b, all three in registers. Left to itself, the compiler reads `a` and `b` from memory each time that they
+/// are needed, more often than the processor can, or keeps a sum there, for which everything waits.
+template <class T>
+ANYNET_INLINE void add_product(vec<T>& sum, const vec<T>& a, const vec<T>& b) {
+#if defined(__AVX2__) && !defined(__AVX512F__)
+  if constexpr (sizeof(T) == 4) {
+    asm("vfmadd231ps %2, %1, %0" : "+x"(sum) : "x"(a), "x"(b));
+  } else {
+    asm("vfmadd231pd %2, %1, %0" : "+x"(sum) : "x"(a), "x"(b));
+  }
+#else
+  sum += a * b;
 #endif
 }
 
@@ -84,7 +104,7 @@ ANYNET_INLINE void add_products(vec<T> (&sum)[CO][V], const T*& weight, int64_t 
   for (int o = 0; o < CO; ++o) {
     const vec<T> wo = splat(weight[at + o]);
 #pragma GCC unroll 8
-    for (int v = 0; v < V; ++v) sum[o][v] += wo * pixels[v];
+    for (int v = 0; v < V; ++v) add_product<T>(sum[o][v], wo, pixels[v]);
     read_after(weight, sum[o][V - 1]);
   }
 }
@@ -232,7 +252,7 @@ constexpr int rows_beside(int channels) { return std::min(max_rows, max_channels
 /// As many vectors as fit, besides one register for a weight and, per vector, one for a tap's pixels. Of several
 /// channels one more stays free: compilers keep a sum in memory otherwise, and everything waits for it.
 constexpr int vectors_beside(int channels, int rows) {
-  const int free = registers - (channels == 1 ? 1 : 2);
+  const int free = registers - (channels == 1 || exact ? 1 : 2);
   return std::min(6, free / (channels * rows + 1));
 }
 
@@ -245,7 +265,6 @@ struct Window {
   int64_t row[max_rows + 2];  // or -1: outside the image
   int64_t column[3];
   int64_t kernel;  // weights of a channel: taps x 3
-  bool padded;     // if not, columns -1 and W are missing
 };
 
 /// Where a block's results go.
@@ -259,17 +278,24 @@ struct Target {
   const T* positive;  // of out's layout, or nullptr: results where this is not positive become 0
 };
 
-/// The pixels `stride` apart from `p` on. Those outside `on` (of the elements of p's vector, or of the next one with
-/// stride 2) are 0, and their memory is not touched.
+/// The pixels `stride` apart from `p` on.
+template <int stride, class T>
+ANYNET_INLINE vec<T> load_pixels(const T* p) {
+  if constexpr (stride == 1) return load(p);
+  return deinterleave<T, 0>(load(p), load(p + lanes<T>), lane_sequence<T>{});
+}
+/// The same, 0 for those outside `first` (of the elements of p's vector) and `second` (of the next one, with stride 2),
+/// whose memory is not touched.
 template <int stride, class T>
 ANYNET_INLINE vec<T> load_pixels(const T* p, LaneRange<T> first, LaneRange<T> second) {
   if constexpr (stride == 1) return load(p, first);
   return deinterleave<T, 0>(load(p, first), load(p + lanes<T>, second), lane_sequence<T>{});
 }
 
-/// CO output channels x R rows x V vectors at columns x, x + lanes, ..., `last`.
+/// CO output channels x R rows x V vectors at columns x, x + lanes, ..., `last`. edge: columns -1 or W of the window's
+/// rows, which do not exist, may be among the taps.
 /// weight: [channel][kz][ky][kx][CO]
-template <class T, int CO, int R, int V, int stride>
+template <class T, int CO, int R, int V, int stride, bool edge>
 void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, const Target<T>& target) {
   constexpr int L = lanes<T>;
   vec<T> sum[R][CO][V];
@@ -283,8 +309,7 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
   }
   // Elements that a vector load may read: all, and for stride 2 all but the last of the second vector, which no tap
   // needs; at the ends of a row one less.
-  const bool left = !window.padded && x == 0;
-  const bool right = !window.padded && stride * (last + L) > target.in_width - (stride == 1);
+  const bool left = edge && x == 0, right = edge && stride * (last + L) > target.in_width - (stride == 1);
   const LaneRange<T> all(0, L), left_lanes(left ? 1 : 0, L), second(0, L - 1);
   const LaneRange<T> right_lanes(0, stride == 1 && right ? L - 1 : L), right_second(0, right ? L - 2 : L - 1);
   for (int64_t c = 0; c < window.channels; ++c) {
@@ -302,14 +327,15 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
 #pragma GCC unroll 8
           for (int v = 0; v < V; ++v) {
             const T* at = from + stride * (v == V - 1 ? last - x : v * L);
-            if (stride == 1 && (v > 0 || kx > 0) && (v < V - 1 || kx < 2)) {
-              pixels[v] = load(at);
+            const bool first = v == 0 && kx == 0, final = v == V - 1 && kx == 2;
+            if (!edge || (stride == 1 && !first && !final)) {
+              pixels[v] = load_pixels<stride>(at);
             } else {
               pixels[v] = load_pixels<stride>(at,
-                                              v == 0 && kx == 0       ? left_lanes
-                                              : v == V - 1 && kx == 2 ? right_lanes
-                                                                      : all,
-                                              v == V - 1 && kx == 2 ? right_second : second);
+                                              first   ? left_lanes
+                                              : final ? right_lanes
+                                                      : all,
+                                              final ? right_second : second);
             }
           }
 #pragma GCC unroll 8
@@ -349,26 +375,27 @@ template <class T>
 using Block = void (*)(const Window<T>&, int64_t, int64_t, const T*, const Target<T>&);
 
 template <class T, int CO, int R, int stride, int... V>
-Block<T> pick(int64_t vectors, std::integer_sequence<int, V...>) {
-  static constexpr Block<T> blocks[] = {block<T, CO, R, V + 1, stride>...};
-  return blocks[vectors - 1];
+Block<T> pick(int64_t vectors, bool edge, std::integer_sequence<int, V...>) {
+  static constexpr Block<T> inside[] = {block<T, CO, R, V + 1, stride, false>...};
+  static constexpr Block<T> at_edge[] = {block<T, CO, R, V + 1, stride, true>...};
+  return (edge ? at_edge : inside)[vectors - 1];
 }
 template <class T, int CO>
-Block<T> pick(int64_t rows, int64_t vectors, int64_t stride) {
+Block<T> pick(int64_t rows, int64_t vectors, int64_t stride, bool edge) {
   constexpr int R = rows_beside(CO);
   constexpr auto flat = std::make_integer_sequence<int, vectors_beside(CO, 1)>{};
-  if (stride == 2) return pick<T, CO, 1, 2>(vectors, flat);
-  if (rows == 1) return pick<T, CO, 1, 1>(vectors, flat);
-  return pick<T, CO, R, 1>(vectors, std::make_integer_sequence<int, vectors_beside(CO, R)>{});
+  if (stride == 2) return pick<T, CO, 1, 2>(vectors, edge, flat);
+  if (rows == 1) return pick<T, CO, 1, 1>(vectors, edge, flat);
+  return pick<T, CO, R, 1>(vectors, edge, std::make_integer_sequence<int, vectors_beside(CO, R)>{});
 }
 template <class T>
-Block<T> pick(int64_t channels, int64_t rows, int64_t vectors, int64_t stride) {
+Block<T> pick(int64_t channels, int64_t rows, int64_t vectors, int64_t stride, bool edge) {
   if constexpr (max_channels >= 8) {
-    if (channels == 8) return pick<T, 8>(rows, vectors, stride);
+    if (channels == 8) return pick<T, 8>(rows, vectors, stride, edge);
   }
-  return channels == 1   ? pick<T, 1>(rows, vectors, stride)
-         : channels == 2 ? pick<T, 2>(rows, vectors, stride)
-                         : pick<T, 4>(rows, vectors, stride);
+  return channels == 1   ? pick<T, 1>(rows, vectors, stride, edge)
+         : channels == 2 ? pick<T, 2>(rows, vectors, stride, edge)
+                         : pick<T, 4>(rows, vectors, stride, edge);
 }
 
 /// How many of the channels from `o` on make the next block: 8 (if `largest` allows), 4, 2 or 1.
@@ -404,7 +431,7 @@ void convolve_rows(const Geometry& g, const Source<T>& source, const Vector<T>& 
     Window<T> window;
     window.channel = g.in_rows() * source.pitch, window.channels = g.in_channels;
     window.data = source.data + n * g.in_channels * window.channel;
-    window.kernel = g.taps() * 3, window.padded = source.padded, window.planes = 0;
+    window.kernel = g.taps() * 3, window.planes = 0;
     std::copy_n(source.column, 3, window.column);
     for (int64_t kz = 0; kz < g.kernel_depth; ++kz) {
       const int64_t plane = g.plane(z, kz);
@@ -431,9 +458,10 @@ void convolve_rows(const Geometry& g, const Source<T>& source, const Vector<T>& 
         if (positive != nullptr) target.positive = positive + at;
         for (int64_t run = 0; run < runs; ++run) {
           const int64_t first = vectors * run / runs, next = vectors * (run + 1) / runs;
-          pick<T>(size, rows, next - first, stride)(window, vector_start<T>(first, g.out_width),
-                                                    vector_start<T>(next - 1, g.out_width),
-                                                    weights.data() + o * g.in_channels * window.kernel, target);
+          const int64_t x = vector_start<T>(first, g.out_width), last = vector_start<T>(next - 1, g.out_width);
+          const bool edge = !source.padded && (run == 0 || run == runs - 1);
+          pick<T>(size, rows, next - first, stride, edge)(window, x, last,
+                                                          weights.data() + o * g.in_channels * window.kernel, target);
         }
       }
     }

@@ -3,8 +3,11 @@
 // Along the width the kernel slides as it does in `direct.h`, so that a pixel's neighbors never change lanes. In two
 // it is F(3x2, 3x3) over height and width, and a vector of tiles is two of columns, the even and the odd ones.
 //
-// The transforms cost additions per channel, so this pays where channels are many. It rounds differently from the
-// direct kernel (by a few units in the last place), and a NaN or infinity spreads over its whole tile.
+// The transforms cost additions per channel, so this pays where channels are many. Where they are few, it is F(3, 3)
+// over the height alone: the kernel slides over depth and width, and each plane is transformed once for three.
+//
+// All of it rounds differently from the direct kernel (by a few units in the last place), and a NaN or infinity spreads
+// over its whole tile.
 #pragma once
 
 #include <limits>
@@ -16,13 +19,16 @@
 namespace anynet::ANYNET_ISA {
 namespace {
 
-/// What differs between convolutions in three dimensions and flat ones. The outer dimension of a tile is depth or,
-/// flat, height; the inner one height or, flat, width.
-template <class T, bool flat>
+enum class Over { depth_and_height, height_and_width, height };
+
+/// What differs between the tiles. Their outer dimension is the first of those that they are over, the inner one the
+/// last.
+template <class T, Over over>
 struct Tiling {
-  static constexpr int outer = 3, inner = flat ? 2 : 3;  // outputs of a tile
-  static constexpr int outer_in = outer + 2, inner_in = inner + 2, positions = outer_in * inner_in;  // pixels of a tile
-  static constexpr int rows = flat ? outer_in : positions;                                           // that it reads
+  static constexpr bool flat = over == Over::height_and_width;
+  static constexpr int outer = over == Over::height ? 1 : 3, inner = flat ? 2 : 3;           // outputs of a tile
+  static constexpr int outer_in = outer == 1 ? 1 : outer + 2, inner_in = inner + 2;          // pixels of a tile
+  static constexpr int positions = outer_in * inner_in, rows = flat ? outer_in : positions;  // that it reads
   static constexpr int taps = flat ? 1 : 3;                  // columns that a product slides over
   static constexpr int columns = (flat ? 2 : 1) * lanes<T>;  // outputs of a vector of tiles, side by side
 
@@ -31,13 +37,15 @@ struct Tiling {
   /// Where the scratch rows have what belongs to column start(vector, width): flat ones have no neighbors.
   static int64_t slot(int64_t vector, int64_t width) { return flat ? vector * lanes<T> : start(vector, width); }
 
-  /// Whether it computes this convolution, and faster: what is saved goes with the product of the channels, the cost of
-  /// the transforms with their sum.
+  /// Whether it computes this convolution, and faster than the direct kernel: what is saved goes with the product of
+  /// the channels, the cost of the transforms with their sum.
   static bool pays(const Geometry& g) {
     const int64_t C = g.in_channels, O = g.out_channels;
-    const bool many = flat ? C * O > (registers == 16 ? 4 : 6) * (C + O) : std::min(C, O) >= 8;
+    const bool many = flat                   ? C * O > (registers == 16 ? 4 : 6) * (C + O)
+                      : over == Over::height ? registers == 16 && C >= 2 && O >= 4
+                                             : std::min(C, O) >= 8;
     return std::is_same_v<T, float> && g.kernel_depth == (flat ? 1 : 3) && g.stride == 1 && g.dilation == 1 && many &&
-           g.out_width >= columns && g.out_height > 1 && (flat || g.out_depth > 1);
+           g.out_width >= columns && g.out_height > 1 && (over != Over::depth_and_height || g.out_depth > 1);
   }
 };
 
@@ -88,28 +96,35 @@ ANYNET_INLINE void transform_output(vec<T>* m, int step) {
   }
 }
 
-/// [position][block of output channels][in_channels][tap][channel of the block], from weight(o, c, tap and kx).
-template <class T, bool flat, class Weight>
+/// [position][block of output channels][depth][in_channels][kx][channel of the block], from weight(o, c, tap and kx);
+/// depth and kx are those over which the kernel slides.
+template <class T, Over over, class Weight>
 Vector<T> pack_transformed(const Geometry& g, const Weight& weight) {
-  using Tiles = Tiling<T, flat>;
-  constexpr int taps = Tiles::taps, inner_in = Tiles::inner_in;
-  const int64_t size_of_channel = g.in_channels * taps, position = g.out_channels * size_of_channel;
+  using Tiles = Tiling<T, over>;
+  constexpr int taps = Tiles::taps, inner_in = Tiles::inner_in, outer_taps = Tiles::outer == 1 ? 1 : 3;
+  const int64_t depth = over == Over::height ? 3 : 1, tap = 3 * outer_taps * taps;
+  const int64_t size_of_channel = depth * g.in_channels * taps, position = g.out_channels * size_of_channel;
   Vector<T> packed(Tiles::positions * position);
   for (int64_t o = 0, size; o < g.out_channels; o += size) {
     size = block_at(o, g.out_channels, max_channels);
-    for (int64_t c = 0; c < g.in_channels; ++c) {
-      for (int64_t k = 0; k < taps; ++k) {
-        for (int64_t i = 0; i < size; ++i) {
-          T rows[3 * inner_in], all[Tiles::positions];  // transformed over the inner dimension, then over both
-          for (int row = 0; row < 3; ++row) {
-            T inner[3];
-            for (int t = 0; t < 3; ++t) inner[t] = weight(o + i, c, (row * 3 + t) * taps + k);
-            transform_weights<T, Tiles::inner>(inner, 1, rows + inner_in * row, 1);
-          }
-          for (int t = 0; t < inner_in; ++t) transform_weights<T, Tiles::outer>(rows + t, inner_in, all + t, inner_in);
-          T* to = packed.data() + o * size_of_channel + (c * taps + k) * size + i;
-          for (int p = 0; p < Tiles::positions; ++p) to[p * position] = all[p];
+    for (int64_t slide = 0; slide < depth * g.in_channels * taps; ++slide) {
+      const int64_t k = slide % taps, c = slide / taps % g.in_channels, z = slide / taps / g.in_channels;
+      for (int64_t i = 0; i < size; ++i) {
+        T rows[3 * inner_in], all[Tiles::positions];  // transformed over the inner dimension, then over both
+        for (int row = 0; row < outer_taps; ++row) {
+          T inner[3];
+          for (int t = 0; t < 3; ++t) inner[t] = weight(o + i, c, z * tap + (row * 3 + t) * taps + k);
+          transform_weights<T, Tiles::inner>(inner, 1, rows + inner_in * row, 1);
         }
+        for (int t = 0; t < inner_in; ++t) {
+          if constexpr (Tiles::outer == 1) {
+            all[t] = rows[t];
+          } else {
+            transform_weights<T, Tiles::outer>(rows + t, inner_in, all + t, inner_in);
+          }
+        }
+        T* to = packed.data() + o * size_of_channel + slide * size + i;
+        for (int p = 0; p < Tiles::positions; ++p) to[p * position] = all[p];
       }
     }
   }
@@ -124,46 +139,51 @@ ANYNET_INLINE vec<T> interleave(vec<T> a, vec<T> b, std::integer_sequence<int, I
 
 /// The pixels of a vector of tiles, `x` columns to the right of `rows`. left, right: the first column, or the
 /// last, lies outside the image, and is 0.
-template <class T, bool flat>
+template <class T, Over over>
 ANYNET_INLINE void load_tiles(const T* const* rows, int64_t x, bool left, bool right, vec<T>* d) {
   constexpr int L = lanes<T>;
-  if constexpr (flat) {
+  if constexpr (Tiling<T, over>::flat) {
     const LaneRange<T> first(left ? 1 : 0, L), last(0, right ? L - 1 : L);
 #pragma GCC unroll 5
-    for (int y = 0; y < Tiling<T, flat>::outer_in; ++y) {
+    for (int y = 0; y < Tiling<T, over>::outer_in; ++y) {
       const T* row = rows[y] + x;
       const vec<T> before[2] = {load(row, first), load(row + L)};
       const vec<T> after[2] = {load(row + 2), load(row + 2 + L, last)};
-      vec<T>* to = d + Tiling<T, flat>::inner_in * y;
+      vec<T>* to = d + Tiling<T, over>::inner_in * y;
       to[0] = deinterleave<T, 0>(before[0], before[1], lane_sequence<T>{});
       to[1] = deinterleave<T, 1>(before[0], before[1], lane_sequence<T>{});
       to[2] = deinterleave<T, 0>(after[0], after[1], lane_sequence<T>{});
       to[3] = deinterleave<T, 1>(after[0], after[1], lane_sequence<T>{});
     }
+  } else if (!left && !right) {
+#pragma GCC unroll 25
+    for (int p = 0; p < Tiling<T, over>::positions; ++p) d[p] = load(rows[p] + x);
   } else {
     const LaneRange<T> inside(left ? 1 : 0, right ? L - 1 : L);
 #pragma GCC unroll 25
-    for (int p = 0; p < Tiling<T, flat>::positions; ++p) d[p] = load(rows[p] + x, inside);
+    for (int p = 0; p < Tiling<T, over>::positions; ++p) d[p] = load(rows[p] + x, inside);
   }
 }
 
 /// `count` columns of a channel's rows, transformed, to rows `step` apart. left, right: see `load_tiles`. `ahead`: how
 /// much further on the rows will be read next.
-template <class T, bool flat>
+template <class T, Over over>
 ANYNET_INLINE void transform_strip(const T* const* rows, int64_t count, bool left, bool right, int64_t ahead, T* to,
                                    int64_t step) {
-  using Tiles = Tiling<T, flat>;
+  using Tiles = Tiling<T, over>;
   const int64_t vectors = Tiles::vectors(count);
   for (int64_t v = 0; v < vectors; ++v) {
     const int64_t x = Tiles::start(v, count), slot = Tiles::slot(v, count);
     vec<T> d[Tiles::positions];
-    load_tiles<T, flat>(rows, x, left && v == 0, right && v == vectors - 1, d);
+    load_tiles<T, over>(rows, x, left && v == 0, right && v == vectors - 1, d);
 #pragma GCC unroll 25
     for (int r = 0; r < Tiles::rows; ++r) __builtin_prefetch(rows[r] + x + ahead);
 #pragma GCC unroll 5
     for (int i = 0; i < Tiles::outer_in; ++i) transform_input<T, Tiles::inner>(d + Tiles::inner_in * i, 1);
 #pragma GCC unroll 5
-    for (int i = 0; i < Tiles::inner_in; ++i) transform_input<T, Tiles::outer>(d + i, Tiles::inner_in);
+    for (int i = 0; i < Tiles::inner_in; ++i) {
+      if constexpr (Tiles::outer > 1) transform_input<T, Tiles::outer>(d + i, Tiles::inner_in);
+    }
 #pragma GCC unroll 25
     for (int p = 0; p < Tiles::positions; ++p) store(to + p * step + slot, d[p]);
   }
@@ -213,10 +233,10 @@ Multiply<T> pick_multiply(int64_t channels, int64_t vectors) {
 
 /// `count` columns of a tile's output rows of one channel, from the products of all positions, `step` apart. at: where
 /// the vectors of outputs begin in `out` and `positive`; -1: outside the image.
-template <class T, bool flat>
+template <class T, Over over>
 ANYNET_INLINE void finish_strip(const T* products, int64_t step, int64_t count, T bias, bool relu, const T* positive,
                                 T* out, const int64_t* at) {
-  using Tiles = Tiling<T, flat>;
+  using Tiles = Tiling<T, over>;
   const int64_t vectors = Tiles::vectors(count);
   const vec<T> lowest = splat(relu ? T(0) : -std::numeric_limits<T>::infinity());
   for (int64_t v = 0; v < vectors; ++v) {
@@ -227,8 +247,10 @@ ANYNET_INLINE void finish_strip(const T* products, int64_t step, int64_t count, 
 #pragma GCC unroll 5
     for (int i = 0; i < Tiles::outer_in; ++i) transform_output<T, Tiles::inner>(m + Tiles::inner_in * i, 1);
 #pragma GCC unroll 3
-    for (int i = 0; i < Tiles::inner; ++i) transform_output<T, Tiles::outer>(m + i, Tiles::inner_in);
-    if constexpr (flat) {
+    for (int i = 0; i < Tiles::inner; ++i) {
+      if constexpr (Tiles::outer > 1) transform_output<T, Tiles::outer>(m + i, Tiles::inner_in);
+    }
+    if constexpr (Tiles::flat) {
 #pragma GCC unroll 3
       for (int y = 0; y < Tiles::outer; ++y) {
         const vec<T> even = m[Tiles::inner_in * y], odd = m[Tiles::inner_in * y + 1];
@@ -247,12 +269,23 @@ ANYNET_INLINE void finish_strip(const T* products, int64_t step, int64_t count, 
   }
 }
 
+/// Asks for the memory that finish_strip will write.
+template <class T, Over over>
+ANYNET_INLINE void prefetch_strip(T* out, const int64_t* at, int64_t count) {
+  using Tiles = Tiling<T, over>;
+  for (int k = 0; k < Tiles::outer * Tiles::inner; ++k) {
+    if (at[k] < 0) continue;
+    for (int64_t i = 0; i < count; i += Tiles::columns) __builtin_prefetch(out + at[k] + i, 1);
+  }
+}
+
 /// `convolve` by tiles, with weights from pack_transformed. A tile goes in strips of columns, so that the transformed
 /// rows and the products stay in the nearest caches.
-template <class T, bool flat>
+template <class T, Over over>
 void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>& weights, const T* bias, bool relu,
                     const T* positive, T* out, int threads) {
-  using Tiles = Tiling<T, flat>;
+  using Tiles = Tiling<T, over>;
+  constexpr bool flat = Tiles::flat;
   constexpr int L = lanes<T>, most = strip_vectors, taps = Tiles::taps, positions = Tiles::positions;
   constexpr int tall = flat ? Tiles::outer : Tiles::inner, deep = flat ? 1 : Tiles::outer;  // outputs of a tile
   constexpr int64_t pitch = (most + 1) * L;                                                 // of a transformed row
@@ -287,7 +320,7 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
         for (int r = 0; r < Tiles::rows; ++r) from[r] = rows[r] + x;
         for (int64_t c = 0; c < C; ++c) {
           // What slides needs two columns more.
-          transform_strip<T, flat>(from, count + taps - 1, left, right, ahead, input + c * pitch, position);
+          transform_strip<T, over>(from, count + taps - 1, left, right, ahead, input + c * pitch, position);
           for (int r = 0; r < Tiles::rows; ++r) from[r] += to_channel[r];
         }
         int64_t at[Tiles::outer * Tiles::inner];
@@ -297,12 +330,8 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
           at[k] = oz < g.out_depth && oy < g.out_height ? (oz * g.out_height + oy) * W + column : -1;
         }
         for (int p = 0; p < positions; ++p) {
-          for (int64_t o = O * p / positions; o < O * (p + 1) / positions; ++o) {  // what will be written
-            for (const int64_t to : at) {
-              if (to < 0) continue;
-              T* row_out = out + (n * O + o) * plane + to;
-              for (int64_t i = 0; i < count; i += Tiles::columns) __builtin_prefetch(row_out + i, 1);
-            }
+          for (int64_t o = O * p / positions; o < O * (p + 1) / positions; ++o) {
+            prefetch_strip<T, over>(out + (n * O + o) * plane, at, count);
           }
           for (int64_t o = 0, size; o < O; o += size) {
             size = block_at(o, O, max_channels);
@@ -312,8 +341,76 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
         }
         for (int64_t o = 0; o < O; ++o) {
           const int64_t to = (n * O + o) * plane;
-          finish_strip<T, flat>(products + o * row, step, count, bias == nullptr ? T(0) : bias[o], relu,
+          finish_strip<T, over>(products + o * row, step, count, bias == nullptr ? T(0) : bias[o], relu,
                                 positive == nullptr ? nullptr : positive + to, out + to, at);
+        }
+      }
+    }
+  });
+}
+
+constexpr int64_t slid_planes = 8;  // planes of outputs at a time, whose transformed rows stay in the nearest caches
+
+/// The same, over the height alone: all planes of a strip are transformed, then each output's three are multiplied.
+template <class T>
+void convolve_heights(const Geometry& g, const Source<T>& source, const Vector<T>& weights, const T* bias, bool relu,
+                      const T* positive, T* out, int threads) {
+  constexpr Over over = Over::height;
+  using Tiles = Tiling<T, over>;
+  constexpr int L = lanes<T>, most = strip_vectors, taps = Tiles::taps, positions = Tiles::positions;
+  constexpr int64_t pitch = (most + 1) * L, tall = Tiles::inner;
+  const int64_t W = g.out_width, C = g.in_channels, O = g.out_channels, vectors = Tiles::vectors(W);
+  const int64_t strips = (vectors + most - 1) / most, tiles_y = (g.out_height + tall - 1) / tall;
+  const int64_t tiles_z = (g.out_depth + slid_planes - 1) / slid_planes;
+  const int64_t channel = g.in_rows() * source.pitch, plane = g.out_rows() * W, kernel = 3 * C * taps;
+  const int64_t position = std::min(slid_planes + 2, g.in_depth) * C * pitch + L;
+  parallel_ranges(g.batch * tiles_z * tiles_y, threads, [&](int64_t begin, int64_t end) {
+    const Scratch<T> input(positions * position), products(positions * (O * most + 1) * L);
+    const Scratch<T> zeros(W + 2);
+    fill_zero<T>(zeros, W + 2);
+    fill_zero<T>(input, positions * position);
+    for (int64_t unit = begin; unit < end; ++unit) {
+      const int64_t y = unit % tiles_y * tall, z = unit / tiles_y % tiles_z * slid_planes, n = unit / tiles_y / tiles_z;
+      const int64_t begin_z = std::max<int64_t>(0, z - 1), end_z = std::min(g.in_depth, z + slid_planes + 1);
+      for (int64_t strip = 0; strip < strips; ++strip) {
+        const int64_t first = vectors * strip / strips, next = vectors * (strip + 1) / strips, x = first * L;
+        const int64_t count = std::min(next * L, W) - x, row = (next - first) * L, step = O * row + L;
+        const bool left = !source.padded && x == 0, right = !source.padded && x + count == W;
+        const int64_t ahead = x + count < W ? count : tall * source.pitch - x;
+        T* to = input;
+        for (int64_t iz = begin_z; iz < end_z; ++iz) {
+          for (int64_t c = 0; c < C; ++c, to += pitch) {
+            const T* rows[positions];
+            for (int64_t r = 0; r < positions; ++r) {
+              const int64_t iy = y + r - 1;
+              rows[r] = iy < 0 || iy >= g.in_height ? zeros + x
+                                                    : source.data + (n * C + c) * channel + source.column[0] + x +
+                                                          (iz * g.in_height + iy) * source.pitch;
+            }
+            transform_strip<T, over>(rows, count + taps - 1, left, right, ahead, to, position);
+          }
+        }
+        for (int64_t oz = z; oz < std::min(z + slid_planes, g.out_depth); ++oz) {
+          const int64_t from_z = std::max(begin_z, oz - 1), to_z = std::min(end_z, oz + 2);
+          int64_t at[tall];
+          for (int64_t r = 0; r < tall; ++r) at[r] = y + r < g.out_height ? (oz * g.out_height + y + r) * W + x : -1;
+          for (int64_t p = 0; p < positions; ++p) {
+            for (int64_t o = O * p / positions; o < O * (p + 1) / positions; ++o) {
+              prefetch_strip<T, over>(out + (n * O + o) * plane, at, count);
+            }
+            for (int64_t o = 0, size; o < O; o += size) {
+              size = block_at(o, O, max_channels);
+              pick_multiply<T, taps>(size, next - first)(
+                  input + p * position + (from_z - begin_z) * C * pitch, pitch, (to_z - from_z) * C,
+                  weights.data() + (p * O + o) * kernel + (from_z - oz + 1) * C * taps * size,
+                  products + p * step + o * row);
+            }
+          }
+          for (int64_t o = 0; o < O; ++o) {
+            const int64_t channel_out = (n * O + o) * plane;
+            finish_strip<T, over>(products + o * row, step, count, bias == nullptr ? T(0) : bias[o], relu,
+                                  positive == nullptr ? nullptr : positive + channel_out, out + channel_out, at);
+          }
         }
       }
     }
