@@ -82,10 +82,9 @@ struct Chunk {
 };
 
 /// Adds a vector of gradients of CO channels times the pixels of CI channels that they saw through each kx.
-template <class T, int CO, int CI>
+template <class T, int CO, int CI, class Left, class Right, class Fresh>
 ANYNET_INLINE void add_columns(vec<T> (&sum)[CO][CI][3], const T* in, int64_t in_channel, const int64_t* column,
-                               const T* out, int64_t out_channel, LaneRange<T> left, LaneRange<T> right,
-                               LaneRange<T> fresh) {
+                               const T* out, int64_t out_channel, Left left, Right right, Fresh fresh) {
   // Whichever is fewer stays in registers: three columns of one input channel, or the gradients.
   if constexpr (CI == 1) {
     const vec<T> pixels[3] = {load(in + column[0], left), load(in + column[1]), load(in + column[2], right)};
@@ -93,7 +92,7 @@ ANYNET_INLINE void add_columns(vec<T> (&sum)[CO][CI][3], const T* in, int64_t in
     for (int k = 0; k < CO; ++k) {
       const vec<T> gradient = load(out + k * out_channel, fresh);
 #pragma GCC unroll 3
-      for (int kx = 0; kx < 3; ++kx) sum[k][0][kx] += gradient * pixels[kx];
+      for (int kx = 0; kx < 3; ++kx) add_product<T>(sum[k][0][kx], gradient, pixels[kx]);
       read_after(out, sum[k][0][2]);
     }
   } else {
@@ -107,7 +106,7 @@ ANYNET_INLINE void add_columns(vec<T> (&sum)[CO][CI][3], const T* in, int64_t in
         const T* at = in + i * in_channel + column[kx];
         const vec<T> pixels = kx == 0 ? load(at, left) : kx == 1 ? load(at) : load(at, right);
 #pragma GCC unroll 8
-        for (int k = 0; k < CO; ++k) sum[k][i][kx] += gradients[k] * pixels;
+        for (int k = 0; k < CO; ++k) add_product<T>(sum[k][i][kx], gradients[k], pixels);
         read_after(in, sum[CO - 1][i][kx]);
       }
     }
@@ -138,12 +137,11 @@ void correlate(const Geometry& g, const Source<T>& input, const Source<T>& grad,
     for (int64_t y = begin; y < end; ++y) {
       const T* row = in_plane + (y * g.stride + ky - 1) * input.pitch;
       const T* out_row = out_plane + y * grad.pitch;
-      const auto step = [&](int64_t x, LaneRange<T> left, LaneRange<T> right,
-                            LaneRange<T> fresh) __attribute__((always_inline)) {
+      const auto step = [&](int64_t x, auto left, auto right, auto fresh) __attribute__((always_inline)) {
         add_columns<T, CO, CI>(sum, row + x, in_channel, input.column, out_row + x, out_channel, left, right, fresh);
       };
-      if (last > 0) step(0, left, all, all);
-      for (int64_t x = L; x < last; x += L) step(x, all, all, all);
+      if (last > 0) step(0, left, AllLanes{}, AllLanes{});
+      for (int64_t x = L; x < last; x += L) step(x, AllLanes{}, AllLanes{}, AllLanes{});
       step(last, last == 0 ? left : all, right, fresh);
     }
   }

@@ -278,14 +278,8 @@ struct Target {
   const T* positive;  // of out's layout, or nullptr: results where this is not positive become 0
 };
 
-/// The pixels `stride` apart from `p` on.
-template <int stride, class T>
-ANYNET_INLINE vec<T> load_pixels(const T* p) {
-  if constexpr (stride == 1) return load(p);
-  return deinterleave<T, 0>(load(p), load(p + lanes<T>), lane_sequence<T>{});
-}
-/// The same, 0 for those outside `first` (of the elements of p's vector) and `second` (of the next one, with stride 2),
-/// whose memory is not touched.
+/// The pixels `stride` apart from `p` on. Those outside `first` (of the elements of p's vector) and, with stride 2,
+/// `second` (of the next one) are 0, and their memory is not touched.
 template <int stride, class T>
 ANYNET_INLINE vec<T> load_pixels(const T* p, LaneRange<T> first, LaneRange<T> second) {
   if constexpr (stride == 1) return load(p, first);
@@ -328,8 +322,8 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
           for (int v = 0; v < V; ++v) {
             const T* at = from + stride * (v == V - 1 ? last - x : v * L);
             const bool first = v == 0 && kx == 0, final = v == V - 1 && kx == 2;
-            if (!edge || (stride == 1 && !first && !final)) {
-              pixels[v] = load_pixels<stride>(at);
+            if (stride == 1 && (!edge || (!first && !final))) {
+              pixels[v] = load(at);
             } else {
               pixels[v] = load_pixels<stride>(at,
                                               first   ? left_lanes
@@ -376,8 +370,8 @@ using Block = void (*)(const Window<T>&, int64_t, int64_t, const T*, const Targe
 
 template <class T, int CO, int R, int stride, int... V>
 Block<T> pick(int64_t vectors, bool edge, std::integer_sequence<int, V...>) {
-  static constexpr Block<T> inside[] = {block<T, CO, R, V + 1, stride, false>...};
   static constexpr Block<T> at_edge[] = {block<T, CO, R, V + 1, stride, true>...};
+  static constexpr Block<T> inside[] = {block<T, CO, R, V + 1, stride, stride == 2>...};
   return (edge ? at_edge : inside)[vectors - 1];
 }
 template <class T, int CO>
