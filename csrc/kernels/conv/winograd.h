@@ -279,6 +279,63 @@ ANYNET_INLINE void prefetch_strip(T* out, const int64_t* at, int64_t count) {
   }
 }
 
+/// What a thread keeps of a strip: its transformed rows, and their products. A power of two between the positions would
+/// put all of them into the same few cache lines.
+template <class T, Over over>
+struct StripScratch {
+  static constexpr int positions = Tiling<T, over>::positions;
+  static constexpr int64_t pitch = (strip_vectors + 1) * lanes<T>;  // of a transformed row
+
+  const int64_t position;  // from one to the next, of the rows
+  const Scratch<T> rows, products, zeros;
+
+  /// For so many transformed rows of a position, and images of that width.
+  StripScratch(int64_t count, int64_t out_channels, int64_t width)
+      : position(count * pitch + lanes<T>),
+        rows(positions * position),
+        products(positions * (out_channels * strip_vectors + 1) * lanes<T>),
+        zeros(width + 2) {
+    fill_zero<T>(rows, positions * position);
+    fill_zero<T>(zeros, width + 2);
+  }
+};
+
+/// Where a strip's outputs go: `count` columns, in `vectors` vectors, from at[] (see finish_strip) on in each of the
+/// channels of `out`, `plane` apart.
+template <class T>
+struct StripTarget {
+  int64_t channels, plane, vectors, count;
+  const T* bias;
+  bool relu;
+  const T* positive;
+  T* out;
+  const int64_t* at;
+};
+
+/// The outputs of a strip. What slides are, per position, the `slides` transformed rows from `first` on, and as many of
+/// the weights (`kernel` per output channel) after those of `skipped` rows.
+template <class T, Over over>
+void convolve_strip(const StripScratch<T, over>& scratch, int64_t first, int64_t slides, const T* weights,
+                    int64_t kernel, int64_t skipped, const StripTarget<T>& to) {
+  constexpr int taps = Tiling<T, over>::taps, positions = Tiling<T, over>::positions;
+  const int64_t O = to.channels, row = to.vectors * lanes<T>, step = O * row + lanes<T>;
+  for (int p = 0; p < positions; ++p) {
+    for (int64_t o = O * p / positions; o < O * (p + 1) / positions; ++o) {
+      prefetch_strip<T, over>(to.out + o * to.plane, to.at, to.count);
+    }
+    for (int64_t o = 0, size; o < O; o += size) {
+      size = block_at(o, O, max_channels);
+      pick_multiply<T, taps>(size, to.vectors)(
+          scratch.rows + p * scratch.position + first * scratch.pitch, scratch.pitch, slides,
+          weights + (p * O + o) * kernel + skipped * taps * size, scratch.products + p * step + o * row);
+    }
+  }
+  for (int64_t o = 0; o < O; ++o) {
+    finish_strip<T, over>(scratch.products + o * row, step, to.count, to.bias == nullptr ? T(0) : to.bias[o], to.relu,
+                          to.positive == nullptr ? nullptr : to.positive + o * to.plane, to.out + o * to.plane, to.at);
+  }
+}
+
 /// `convolve` by tiles, with weights from pack_transformed. A tile goes in strips of columns, so that the transformed
 /// rows and the products stay in the nearest caches.
 template <class T, Over over>
@@ -286,19 +343,14 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
                     const T* positive, T* out, int threads) {
   using Tiles = Tiling<T, over>;
   constexpr bool flat = Tiles::flat;
-  constexpr int L = lanes<T>, most = strip_vectors, taps = Tiles::taps, positions = Tiles::positions;
+  constexpr int L = lanes<T>, taps = Tiles::taps;
   constexpr int tall = flat ? Tiles::outer : Tiles::inner, deep = flat ? 1 : Tiles::outer;  // outputs of a tile
-  constexpr int64_t pitch = (most + 1) * L;                                                 // of a transformed row
   const int64_t W = g.out_width, C = g.in_channels, O = g.out_channels, vectors = Tiles::vectors(W);
-  const int64_t strips = (vectors + most - 1) / most;
+  const int64_t strips = (vectors + strip_vectors - 1) / strip_vectors;
   const int64_t tiles_y = (g.out_height + tall - 1) / tall, tiles_z = (g.out_depth + deep - 1) / deep;
   const int64_t tiles = tiles_z * tiles_y, channel = g.in_rows() * source.pitch, plane = g.out_rows() * W;
-  const int64_t position = C * pitch + L;  // a power of two would put all positions into the same few cache lines
   parallel_ranges(g.batch * tiles, threads, [&](int64_t begin, int64_t end) {
-    const Scratch<T> input(positions * position), products(positions * (O * most + 1) * L);
-    const Scratch<T> zeros(W + 2);
-    fill_zero<T>(zeros, W + 2);
-    fill_zero<T>(input, positions * position);
+    const StripScratch<T, over> scratch(C, O, W);
     for (int64_t unit = begin; unit < end; ++unit) {
       const int64_t y = unit % tiles_y * tall, z = unit / tiles_y % tiles_z * deep, n = unit / tiles;
       const T* rows[Tiles::rows];  // of the first channel, from column -1 on
@@ -307,20 +359,20 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
         const int64_t iz = flat ? z : z + r / (tall + 2) - 1, iy = y + r % (tall + 2) - 1;
         const bool inside = iz >= 0 && iz < g.in_depth && iy >= 0 && iy < g.in_height;
         const T* row = source.data + n * C * channel + (iz * g.in_height + iy) * source.pitch + source.column[0];
-        rows[r] = inside ? row : zeros;
+        rows[r] = inside ? row : scratch.zeros;
         to_channel[r] = inside ? channel : 0;
       }
       for (int64_t strip = 0; strip < strips; ++strip) {
         const int64_t first = vectors * strip / strips, next = vectors * (strip + 1) / strips;
         const int64_t x = first * Tiles::columns, count = std::min(next * Tiles::columns, W) - x;
-        const int64_t row = (next - first) * L, step = O * row + L;  // of the products: of a channel, and of a position
         const bool left = !source.padded && x == 0, right = !source.padded && x + count == W;
         const int64_t ahead = x + count < W ? count : tall * source.pitch - x;
         const T* from[Tiles::rows];
         for (int r = 0; r < Tiles::rows; ++r) from[r] = rows[r] + x;
         for (int64_t c = 0; c < C; ++c) {
           // What slides needs two columns more.
-          transform_strip<T, over>(from, count + taps - 1, left, right, ahead, input + c * pitch, position);
+          transform_strip<T, over>(from, count + taps - 1, left, right, ahead, scratch.rows + c * scratch.pitch,
+                                   scratch.position);
           for (int r = 0; r < Tiles::rows; ++r) from[r] += to_channel[r];
         }
         int64_t at[Tiles::outer * Tiles::inner];
@@ -329,21 +381,10 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
           const int64_t oz = z + (flat ? 0 : i), oy = y + (flat ? i : j), column = x + (flat ? j * L : 0);
           at[k] = oz < g.out_depth && oy < g.out_height ? (oz * g.out_height + oy) * W + column : -1;
         }
-        for (int p = 0; p < positions; ++p) {
-          for (int64_t o = O * p / positions; o < O * (p + 1) / positions; ++o) {
-            prefetch_strip<T, over>(out + (n * O + o) * plane, at, count);
-          }
-          for (int64_t o = 0, size; o < O; o += size) {
-            size = block_at(o, O, max_channels);
-            pick_multiply<T, taps>(size, next - first)(
-                input + p * position, pitch, C, weights.data() + (p * O + o) * C * taps, products + p * step + o * row);
-          }
-        }
-        for (int64_t o = 0; o < O; ++o) {
-          const int64_t to = (n * O + o) * plane;
-          finish_strip<T, over>(products + o * row, step, count, bias == nullptr ? T(0) : bias[o], relu,
-                                positive == nullptr ? nullptr : positive + to, out + to, at);
-        }
+        const int64_t image = n * O * plane;
+        convolve_strip<T, over>(scratch, 0, C, weights.data(), C * taps, 0,
+                                {O, plane, next - first, count, bias, relu,
+                                 positive == nullptr ? nullptr : positive + image, out + image, at});
       }
     }
   });
@@ -357,60 +398,43 @@ void convolve_heights(const Geometry& g, const Source<T>& source, const Vector<T
                       const T* positive, T* out, int threads) {
   constexpr Over over = Over::height;
   using Tiles = Tiling<T, over>;
-  constexpr int L = lanes<T>, most = strip_vectors, taps = Tiles::taps, positions = Tiles::positions;
-  constexpr int64_t pitch = (most + 1) * L, tall = Tiles::inner;
+  constexpr int L = lanes<T>, taps = Tiles::taps, tall = Tiles::inner;
   const int64_t W = g.out_width, C = g.in_channels, O = g.out_channels, vectors = Tiles::vectors(W);
-  const int64_t strips = (vectors + most - 1) / most, tiles_y = (g.out_height + tall - 1) / tall;
-  const int64_t tiles_z = (g.out_depth + slid_planes - 1) / slid_planes;
-  const int64_t channel = g.in_rows() * source.pitch, plane = g.out_rows() * W, kernel = 3 * C * taps;
-  const int64_t position = std::min(slid_planes + 2, g.in_depth) * C * pitch + L;
+  const int64_t strips = (vectors + strip_vectors - 1) / strip_vectors;
+  const int64_t tiles_y = (g.out_height + tall - 1) / tall, tiles_z = (g.out_depth + slid_planes - 1) / slid_planes;
+  const int64_t channel = g.in_rows() * source.pitch, plane = g.out_rows() * W;
   parallel_ranges(g.batch * tiles_z * tiles_y, threads, [&](int64_t begin, int64_t end) {
-    const Scratch<T> input(positions * position), products(positions * (O * most + 1) * L);
-    const Scratch<T> zeros(W + 2);
-    fill_zero<T>(zeros, W + 2);
-    fill_zero<T>(input, positions * position);
+    const StripScratch<T, over> scratch(std::min(slid_planes + 2, g.in_depth) * C, O, W);
     for (int64_t unit = begin; unit < end; ++unit) {
       const int64_t y = unit % tiles_y * tall, z = unit / tiles_y % tiles_z * slid_planes, n = unit / tiles_y / tiles_z;
       const int64_t begin_z = std::max<int64_t>(0, z - 1), end_z = std::min(g.in_depth, z + slid_planes + 1);
       for (int64_t strip = 0; strip < strips; ++strip) {
         const int64_t first = vectors * strip / strips, next = vectors * (strip + 1) / strips, x = first * L;
-        const int64_t count = std::min(next * L, W) - x, row = (next - first) * L, step = O * row + L;
+        const int64_t count = std::min(next * L, W) - x;
         const bool left = !source.padded && x == 0, right = !source.padded && x + count == W;
         const int64_t ahead = x + count < W ? count : tall * source.pitch - x;
-        T* to = input;
+        T* to = scratch.rows;
         for (int64_t iz = begin_z; iz < end_z; ++iz) {
-          for (int64_t c = 0; c < C; ++c, to += pitch) {
-            const T* rows[positions];
-            for (int64_t r = 0; r < positions; ++r) {
+          for (int64_t c = 0; c < C; ++c, to += scratch.pitch) {
+            const T* rows[Tiles::rows];
+            for (int64_t r = 0; r < Tiles::rows; ++r) {
               const int64_t iy = y + r - 1;
-              rows[r] = iy < 0 || iy >= g.in_height ? zeros + x
+              rows[r] = iy < 0 || iy >= g.in_height ? scratch.zeros + x
                                                     : source.data + (n * C + c) * channel + source.column[0] + x +
                                                           (iz * g.in_height + iy) * source.pitch;
             }
-            transform_strip<T, over>(rows, count + taps - 1, left, right, ahead, to, position);
+            transform_strip<T, over>(rows, count + taps - 1, left, right, ahead, to, scratch.position);
           }
         }
         for (int64_t oz = z; oz < std::min(z + slid_planes, g.out_depth); ++oz) {
           const int64_t from_z = std::max(begin_z, oz - 1), to_z = std::min(end_z, oz + 2);
           int64_t at[tall];
           for (int64_t r = 0; r < tall; ++r) at[r] = y + r < g.out_height ? (oz * g.out_height + y + r) * W + x : -1;
-          for (int64_t p = 0; p < positions; ++p) {
-            for (int64_t o = O * p / positions; o < O * (p + 1) / positions; ++o) {
-              prefetch_strip<T, over>(out + (n * O + o) * plane, at, count);
-            }
-            for (int64_t o = 0, size; o < O; o += size) {
-              size = block_at(o, O, max_channels);
-              pick_multiply<T, taps>(size, next - first)(
-                  input + p * position + (from_z - begin_z) * C * pitch, pitch, (to_z - from_z) * C,
-                  weights.data() + (p * O + o) * kernel + (from_z - oz + 1) * C * taps * size,
-                  products + p * step + o * row);
-            }
-          }
-          for (int64_t o = 0; o < O; ++o) {
-            const int64_t channel_out = (n * O + o) * plane;
-            finish_strip<T, over>(products + o * row, step, count, bias == nullptr ? T(0) : bias[o], relu,
-                                  positive == nullptr ? nullptr : positive + channel_out, out + channel_out, at);
-          }
+          const int64_t image = n * O * plane;
+          convolve_strip<T, over>(scratch, (from_z - begin_z) * C, (to_z - from_z) * C, weights.data(), 3 * C * taps,
+                                  (from_z - oz + 1) * C,
+                                  {O, plane, next - first, count, bias, relu,
+                                   positive == nullptr ? nullptr : positive + image, out + image, at});
         }
       }
     }
