@@ -69,7 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             discard(sys.stdout)
             tell(": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None))
             return 2
-        except MemoryError:
+        except (MemoryError, RuntimeError) as error:
+            if not _out_of_memory(error):
+                raise
             tell("out of memory")
             return 2
         except KeyboardInterrupt:
@@ -77,6 +79,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except SystemExit as end:  # how typer ends
             return end.code if isinstance(end.code, int) else 0
         raise AssertionError("typer ends with SystemExit")
+
+
+def _out_of_memory(error: Exception) -> bool:
+    """PyTorch tells it of tensors as a RuntimeError, and from 2.15 on of operators' scratch, too."""
+    messages = "can't allocate memory", "expected enough memory for the operator's scratch"
+    return isinstance(error, MemoryError) or any(message in str(error) for message in messages)
 
 
 def _application(chosen: str) -> typer.Typer:

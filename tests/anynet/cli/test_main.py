@@ -13,7 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import torch
 
+import anynet_ext
 from anynet import cli
 from anynet.cli import COMMANDS
 from anynet.errors import AnyNetError
@@ -125,6 +127,17 @@ def test_errors_are_one_line(
     result = run("info")
     assert result.status == status
     assert result.err.splitlines() == ([line] if line else [])
+
+
+@pytest.mark.parametrize(
+    "call",
+    [lambda: torch.empty(2**50), lambda: anynet_ext.cost_volume(*[torch.zeros(1).expand(1, 2**44, 1, 1)] * 2)],
+    ids=["a tensor", "an operator's scratch"],
+)
+def test_memory_that_is_not_there(run: Run, monkeypatch: pytest.MonkeyPatch, call: Callable[[], object]) -> None:
+    monkeypatch.setattr(cli, "_application", lambda chosen: call())
+    result = run("info")
+    assert (result.status, result.err) == (2, "anynet: out of memory\n")
 
 
 def test_warnings_are_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
