@@ -401,7 +401,7 @@ def _finished(axis: Axes, title: str) -> None:
     axis.set_xlabel("milliseconds")
     axis.set_ylabel("D1, %")
     axis.grid(alpha=0.3)
-    axis.legend(fontsize="x-small", loc="best")
+    axis.legend(fontsize="x-small")
 
 
 # The table and the figures

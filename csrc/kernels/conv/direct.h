@@ -27,11 +27,6 @@ constexpr int registers = 32;
 #else
 constexpr int registers = 16;
 #endif
-#if defined(__AVX2__) && !defined(__AVX512F__)
-constexpr bool exact = true;
-#else
-constexpr bool exact = false;
-#endif
 constexpr int max_channels = registers / 4;  // of a block
 
 template <class T>
@@ -47,20 +42,26 @@ ANYNET_INLINE void read_after(const T*& p, vec<T>& v) {
 #endif
 }
 
-/// sum += a * b, all three in registers. Left to itself, the compiler reads `a` and `b` from memory each time that they
-/// are needed, more often than the processor can, or keeps a sum there, for which everything waits.
+/// sum += a * b. With 16 registers and an instruction for it, all three are in registers: left to itself, the compiler
+/// reads `a` and `b` from memory each time that they are needed, more often than the processor can, or keeps a sum
+/// there.
+#if defined(__AVX2__) && !defined(__AVX512F__)
+constexpr bool in_registers = true;
 template <class T>
 ANYNET_INLINE void add_product(vec<T>& sum, const vec<T>& a, const vec<T>& b) {
-#if defined(__AVX2__) && !defined(__AVX512F__)
   if constexpr (sizeof(T) == 4) {
     asm("vfmadd231ps %2, %1, %0" : "+x"(sum) : "x"(a), "x"(b));
   } else {
     asm("vfmadd231pd %2, %1, %0" : "+x"(sum) : "x"(a), "x"(b));
   }
-#else
-  sum += a * b;
-#endif
 }
+#else
+constexpr bool in_registers = false;
+template <class T>
+ANYNET_INLINE void add_product(vec<T>& sum, const vec<T>& a, const vec<T>& b) {
+  sum += a * b;
+}
+#endif
 
 #if defined(__aarch64__)
 /// sum + a * b[lane]
@@ -250,9 +251,10 @@ constexpr int max_rows = 4;
 /// As many output rows as share a block whose channels alone would leave registers free.
 constexpr int rows_beside(int channels) { return std::min(max_rows, max_channels / channels); }
 /// As many vectors as fit, besides one register for a weight and, per vector, one for a tap's pixels. Of several
-/// channels one more stays free: compilers keep a sum in memory otherwise, and everything waits for it.
+/// channels one more stays free, unless add_product sees to it: compilers keep a sum in memory otherwise, and
+/// everything waits for it.
 constexpr int vectors_beside(int channels, int rows) {
-  const int free = registers - (channels == 1 || exact ? 1 : 2);
+  const int free = registers - (channels == 1 || in_registers ? 1 : 2);
   return std::min(6, free / (channels * rows + 1));
 }
 
@@ -371,6 +373,7 @@ using Block = void (*)(const Window<T>&, int64_t, int64_t, const T*, const Targe
 template <class T, int CO, int R, int stride, int... V>
 Block<T> pick(int64_t vectors, bool edge, std::integer_sequence<int, V...>) {
   static constexpr Block<T> at_edge[] = {block<T, CO, R, V + 1, stride, true>...};
+  // With stride 2, all blocks load through masks.
   static constexpr Block<T> inside[] = {block<T, CO, R, V + 1, stride, stride == 2>...};
   return (edge ? at_edge : inside)[vectors - 1];
 }

@@ -107,7 +107,7 @@ Vector<T> pack_transformed(const Geometry& g, const Weight& weight) {
   Vector<T> packed(Tiles::positions * position);
   for (int64_t o = 0, size; o < g.out_channels; o += size) {
     size = block_at(o, g.out_channels, max_channels);
-    for (int64_t slide = 0; slide < depth * g.in_channels * taps; ++slide) {
+    for (int64_t slide = 0; slide < size_of_channel; ++slide) {
       const int64_t k = slide % taps, c = slide / taps % g.in_channels, z = slide / taps / g.in_channels;
       for (int64_t i = 0; i < size; ++i) {
         T rows[3 * inner_in], all[Tiles::positions];  // transformed over the inner dimension, then over both

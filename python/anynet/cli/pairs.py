@@ -144,15 +144,16 @@ def _names(paths: list[Path]) -> list[str]:
 
     Not with what links point to: two may point to one file.
     """
-    stems = [path.stem for path in paths]
-    if _numbered(stems) == stems:
-        return stems
     above = len(Path(os.path.commonpath([path.parent for path in paths])).parts)
-    longer = ["_".join(path.with_suffix("").parts[above:]) for path in paths]
-    if _numbered(longer) == longer:
-        return longer
-    joined = ["_".join(path.parts[above:]).replace(".", "_") for path in paths]
-    return _numbered(joined)
+    ways: tuple[Callable[[Path], str], ...] = (
+        lambda path: path.stem,
+        lambda path: "_".join(path.with_suffix("").parts[above:]),
+    )
+    for name_of in ways:
+        names = [name_of(path) for path in paths]
+        if _numbered(names) == names:
+            return names
+    return _numbered(["_".join(path.parts[above:]).replace(".", "_") for path in paths])
 
 
 def _numbered(names: list[str]) -> list[str]:
