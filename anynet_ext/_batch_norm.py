@@ -15,8 +15,8 @@ from anynet_ext._register import no_second_derivative, overridable, register_fak
 def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
     """`relu(batch_norm(input))` by the batch's own statistics, and these.
 
-    PyTorch's batch norm goes through a CPU's memory element by element, and ReLU once more. With running statistics, in
-    eval mode, there is nothing to gain: use PyTorch's. On CUDA tensors this calls PyTorch's own.
+    PyTorch's batch norm goes through a CPU's memory element by element, and ReLU once more; on a GPU it gives each channel
+    one block of threads. With running statistics, in eval mode, there is nothing to gain: use PyTorch's.
 
     Args:
         input: [N, C, ...], float32 or float64, with more than one value per channel; made contiguous if it is not.
@@ -57,24 +57,6 @@ def _fake_backward(
     return input.new_empty(input.shape), weight.new_empty(weight.shape), bias.new_empty(bias.shape)
 
 
-def _cuda(input: Tensor, weight: Tensor, bias: Tensor, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
-    out, mean, rsqrt = torch.native_batch_norm(input, weight, bias, None, None, True, 0.0, eps)
-    return out.relu_().contiguous(), mean, rsqrt.pow(-2) - eps
-
-
-def _cuda_backward(
-    grad: Tensor, input: Tensor, weight: Tensor, bias: Tensor, mean: Tensor, variance: Tensor, eps: float
-) -> tuple[Tensor, Tensor, Tensor]:
-    rsqrt = (variance + eps).rsqrt()
-    channels = (-1, *[1] * (input.dim() - 2))
-    scale = weight * rsqrt
-    passed = torch.where(scale.view(channels) * (input - mean.view(channels)) + bias.view(channels) > 0, grad, 0)
-    grads: tuple[Tensor, Tensor, Tensor] = torch.ops.aten.native_batch_norm_backward(
-        passed, input, weight, None, None, mean, rsqrt, True, eps, [True, True, True]
-    )
-    return grads[0].contiguous(), grads[1], grads[2]
-
-
 def _setup_context(ctx: Any, inputs: tuple[Tensor, Tensor, Tensor, float], output: tuple[Tensor, ...]) -> None:
     *tensors, ctx.eps = inputs
     _, mean, variance = output
@@ -87,8 +69,6 @@ def _backward(ctx: Any, grad: Tensor, *_: object) -> tuple[Tensor | None, ...]:
     return *grads, None
 
 
-torch.library.impl("anynet::batch_norm_relu", "CUDA", _cuda)
-torch.library.impl("anynet::batch_norm_relu_backward", "CUDA", _cuda_backward)
 register_fake("anynet::batch_norm_relu", _fake)
 register_fake("anynet::batch_norm_relu_backward", _fake_backward)
 torch.library.register_autograd("anynet::batch_norm_relu", _backward, setup_context=_setup_context)

@@ -2,7 +2,7 @@
 
 #include <tuple>
 
-#include "tensor.h"
+#include "backend.h"
 
 namespace anynet::ops {
 namespace {
@@ -16,25 +16,27 @@ void check_batch_norm(const char* op, const Tensor& input, const Tensor& weight,
 
 using torch::stable::contiguous;
 
+/// What the CUDA kernels sum in.
+Tensor workspace([[maybe_unused]] const Tensor& x) {
+  int64_t count = 0;
+#ifndef ANYNET_OPS_CPU
+  count = cuda::batch_norm_sums(x.size(0), x.size(1), x.numel() / (x.size(0) * x.size(1)));
+#endif
+  return torch::stable::new_empty(x, {count}, torch::headeronly::ScalarType::Double);
+}
+
 std::tuple<Tensor, Tensor, Tensor> batch_norm_relu(const Tensor& input, const Tensor& weight, const Tensor& bias,
                                                    double eps) {
   check_batch_norm("batch_norm_relu", input, weight, bias);
   const Tensor x = contiguous(input), w = contiguous(weight), b = contiguous(bias);
   Tensor out = contiguous_like(input), mean = contiguous_like(weight), variance = contiguous_like(weight);
+  const Tensor sums = workspace(x);
   dispatch_wide(input.scalar_type(), "batch_norm_relu", [&](auto t) {
     using T = decltype(t);
-    const int64_t batch = x.size(0), channels = x.size(1);
-    const BatchNormRelu<T> args{batch,
-                                channels,
-                                x.numel() / (batch * channels),
-                                data<T>(x),
-                                data<T>(w),
-                                data<T>(b),
-                                eps,
-                                data<T>(out),
-                                data<T>(mean),
-                                data<T>(variance)};
-    anynet::batch_norm_relu(chosen_isa(), args, num_threads());
+    const int64_t batch = x.size(0), channels = x.size(1), pixels = x.numel() / (batch * channels);
+    const BatchNormRelu<T> args{batch, channels,     pixels,        data<T>(x),        data<T>(w),        data<T>(b),
+                                eps,   data<T>(out), data<T>(mean), data<T>(variance), data<double>(sums)};
+    ANYNET_RUN(batch_norm_relu, args, x);
   });
   return {out, mean, variance};
 }
@@ -51,12 +53,13 @@ std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, 
   const Tensor g = contiguous(grad), x = contiguous(input), w = contiguous(weight), b = contiguous(bias);
   const Tensor m = contiguous(mean), v = contiguous(variance);
   Tensor grad_input = contiguous_like(input), grad_weight = contiguous_like(weight), grad_bias = contiguous_like(bias);
+  const Tensor sums = workspace(x);
   dispatch_wide(input.scalar_type(), op, [&](auto t) {
     using T = decltype(t);
-    const int64_t batch = x.size(0), channels = x.size(1);
+    const int64_t batch = x.size(0), channels = x.size(1), pixels = x.numel() / (batch * channels);
     const BatchNormReluBackward<T> args{batch,
                                         channels,
-                                        x.numel() / (batch * channels),
+                                        pixels,
                                         data<T>(g),
                                         data<T>(x),
                                         data<T>(w),
@@ -66,15 +69,17 @@ std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, 
                                         eps,
                                         data<T>(grad_input),
                                         data<T>(grad_weight),
-                                        data<T>(grad_bias)};
-    anynet::batch_norm_relu_backward(chosen_isa(), args, num_threads());
+                                        data<T>(grad_bias),
+                                        data<double>(sums)};
+    ANYNET_RUN(batch_norm_relu_backward, args, x);
   });
   return {grad_input, grad_weight, grad_bias};
 }
 
 }  // namespace
 
-STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
+#ifdef ANYNET_DEFINE_SCHEMAS
+STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   ANYNET_SCHEMA(
       m, "batch_norm_relu(Tensor input, Tensor weight, Tensor bias, float eps=1e-05) -> (Tensor, Tensor, Tensor)");
   ANYNET_SCHEMA(
@@ -82,8 +87,9 @@ STABLE_TORCH_LIBRARY_FRAGMENT(anynet, m) {
       "batch_norm_relu_backward(Tensor grad, Tensor input, Tensor weight, Tensor bias, Tensor mean, Tensor variance, "
       "float eps) -> (Tensor, Tensor, Tensor)");
 }
+#endif
 
-STABLE_TORCH_LIBRARY_IMPL(anynet, CPU, m) {
+STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("batch_norm_relu", TORCH_BOX(&batch_norm_relu));
   m.impl("batch_norm_relu_backward", TORCH_BOX(&batch_norm_relu_backward));
 }

@@ -15,6 +15,7 @@
 #include <vector>
 
 #define ANYNET_ISA baseline
+#include "../../csrc/kernels/batch_norm/batch_norm.h"
 #include "../../csrc/kernels/candidates/candidates.h"
 #include "../../csrc/kernels/common/simd.h"
 #include "../../csrc/kernels/conv/conv.h"
@@ -189,6 +190,36 @@ void check_spatial_propagation(const char* type, int64_t N, int64_t C, int64_t H
 }
 
 template <class T>
+void check_batch_norm(const char* type, int64_t N, int64_t C, int64_t P) {
+  const std::string what = describe("batch_norm_relu", type, {N, C, P}, Layout::contiguous);
+  const double eps = 1e-3;
+  Array<T, 3> input({N, C, P}), grad({N, C, P}), out({N, C, P}), grad_input({N, C, P});
+  Array<T, 1> weight({C}), bias({C}), mean({C}), variance({C}), grad_weight({C}), grad_bias({C});
+  Array<double, 1> sums({cuda::batch_norm_sums(N, C, P)});
+  baseline::batch_norm_relu<T>({N, C, P, input.host_data(), weight.host_data(), bias.host_data(), eps, out.host_data(),
+                                mean.host_data(), variance.host_data()},
+                               1);
+  cuda::batch_norm_relu<T>({N, C, P, input.device_data(), weight.device_data(), bias.device_data(), eps,
+                            out.device_data(), mean.device_data(), variance.device_data(), sums.device_data()},
+                           nullptr);
+  out.compare(what);
+  mean.compare(what + ", mean");
+  variance.compare(what + ", variance");
+  baseline::batch_norm_relu_backward<T>(
+      {N, C, P, grad.host_data(), input.host_data(), weight.host_data(), bias.host_data(), mean.host_data(),
+       variance.host_data(), eps, grad_input.host_data(), grad_weight.host_data(), grad_bias.host_data()},
+      1);
+  cuda::batch_norm_relu_backward<T>(
+      {N, C, P, grad.device_data(), input.device_data(), weight.device_data(), bias.device_data(), mean.device_data(),
+       variance.device_data(), eps, grad_input.device_data(), grad_weight.device_data(), grad_bias.device_data(),
+       sums.device_data()},
+      nullptr);
+  grad_input.compare(what + " backward, input");
+  grad_weight.compare(what + " backward, weight");
+  grad_bias.compare(what + " backward, bias");
+}
+
+template <class T>
 void check_all(const char* type) {
   for (Layout layout : {Layout::contiguous, Layout::channels_last, Layout::sliced}) {
     check_soft_argmin<T>(type, 2, 12, 3, 16, layout);
@@ -209,6 +240,11 @@ void check_all(const char* type) {
   check_cost_volume<T>(type, 1, 9, 1, 140, -3, 70, true, Layout::contiguous);
   check_spatial_propagation<T>(type, 1, 1, 600, 3, 0, Layout::contiguous);  // more lines than threads
   check_spatial_propagation<T>(type, 1, 1, 3, 600, 3, Layout::contiguous);
+  if constexpr (sizeof(T) >= sizeof(float)) {
+    check_batch_norm<T>(type, 2, 1, 1);
+    check_batch_norm<T>(type, 3, 2, 35);
+    check_batch_norm<T>(type, 2, 3, 4100);  // two pieces per plane
+  }
 }
 
 // ------------------------------------------------------------------------------------ of the deployed network, in

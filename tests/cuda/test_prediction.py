@@ -16,6 +16,7 @@ from anynet import AnyNetError, Predictor, Worker
 from anynet.device import HostCopy
 from anynet.model import graphs
 from anynet.training.distributed import Processes
+from anynet.training.graphs import WARM_UP
 from anynet.training.loop import _Run
 from anynet.training.recipe import Recipe
 
@@ -227,7 +228,7 @@ def test_a_training_step_never_waits(tmp_path: Path, compiled: bool, amp: bool) 
     left, right = (torch.randint(0, 256, (2, 3, 64, 128), dtype=torch.uint8) for _ in range(2))
     batch = [left, right, torch.rand(2, 1, 64, 128) * 30, torch.ones(2, 1, 64, 128)]
     batch = [tensor.pin_memory() for tensor in batch]
-    values = [HostCopy(run._update(batch)) for _ in range(3)]
+    values = [HostCopy(run._update(batch)) for _ in range(WARM_UP + 1)]
     torch.cuda.synchronize()
     torch.cuda.set_sync_debug_mode("error")
     try:
@@ -237,3 +238,23 @@ def test_a_training_step_never_waits(tmp_path: Path, compiled: bool, amp: bool) 
     losses = torch.tensor([each.tolist() for each in values])
     assert losses.isfinite().all()
     assert losses[-1, :-1].sum() < losses[0, :-1].sum()
+
+
+def test_a_captured_step_is_the_step(tmp_path: Path) -> None:
+    generator = torch.Generator().manual_seed(0)
+    recipe = Recipe(steps=8, weights="paper", learning_rate=1e-6, ema_decay=0.5)  # so small that rounding stays small
+    runs = [_Run(recipe, tmp_path, [], {}, Processes(0, 1, torch.device("cuda"))) for _ in range(2)]
+    runs[0]._compute = runs[0]._computed
+    before = [parameter.detach().clone() for parameter in runs[0].model.parameters()]
+    for _ in range(WARM_UP + 3):
+        images = torch.randint(0, 256, (2, 2, 3, 64, 128), dtype=torch.uint8, generator=generator)
+        batch = [*images, torch.rand(2, 1, 64, 128, generator=generator) * 30, torch.ones(2, 1, 64, 128)]
+        expected, found = (run._update(batch).cpu() for run in runs)
+        torch.testing.assert_close(found, expected, rtol=2e-2, atol=0)  # cuDNN's gradients do not repeat
+    for network in ("model", "average"):
+        moved = [
+            sum((now - then).abs().sum() for now, then in zip(getattr(run, network).parameters(), before, strict=True))
+            for run in runs
+        ]
+        assert moved[0] > 0
+        torch.testing.assert_close(moved[1], moved[0], rtol=0.1, atol=0)

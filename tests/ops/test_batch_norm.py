@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 import anynet_ext
-from anynet_ext import _batch_norm, _kernels, reference
+from anynet_ext import _kernels, reference
 
 ISAS = [isa for isa in _kernels.Isa.__members__.values() if _kernels.isa_available(isa)]
 # Of a piece that is summed at a time, there are 4,096 float32 or 2,048 float64 elements.
@@ -38,7 +38,7 @@ def results(module: Any, tensors: list[Tensor], eps: float = 1e-5) -> list[Tenso
     """out, mean, variance, and the gradients."""
     leaves = [t.clone().requires_grad_() for t in tensors]
     out, mean, variance = module.batch_norm_relu(*leaves, eps=eps)
-    grad = torch.linspace(-1, 1.5, out.numel(), dtype=out.dtype).reshape(out.shape)
+    grad = torch.linspace(-1, 1.5, out.numel(), dtype=out.dtype, device=out.device).reshape(out.shape)
     return [out.detach(), mean, variance, *torch.autograd.grad(out, leaves, grad)]
 
 
@@ -144,14 +144,24 @@ def test_errors() -> None:
         torch.ops.anynet.batch_norm_relu_backward(input[..., :2], input, weight, bias, weight, bias, 1e-5)
 
 
-def test_what_runs_on_cuda() -> None:
-    """PyTorch's operators, which run on the CPU as well."""
-    tensors, eps = make((2, 3, 5, 4)), 1e-3
-    grad = torch.linspace(-1, 1.5, tensors[0].numel(), dtype=torch.float64).view_as(tensors[0])
-    out, mean, variance = _batch_norm._cuda(*tensors, eps)
-    grads = _batch_norm._cuda_backward(grad, *tensors, mean, variance, eps)
-    for ours, theirs in zip((out, mean, variance, *grads), results(reference, tensors, eps), strict=True):
-        torch.testing.assert_close(ours, theirs)
+@pytest.mark.parametrize("offset", [0.0, 100.0])
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_cuda(cuda: Any, shape: tuple[int, ...], dtype: torch.dtype, offset: float) -> None:
+    namespace, eps = getattr(torch.ops, cuda.namespace), 0.01
+    tensors = [t.to(cuda.device) for t in make(shape, dtype, offset)]
+    out, mean, variance = namespace.batch_norm_relu(*tensors, eps)
+    grad = torch.linspace(-1, 1.5, out.numel(), dtype=dtype, device=cuda.device).reshape(out.shape)
+    grads = namespace.batch_norm_relu_backward(grad, *tensors, mean, variance, eps)
+    tolerance = 1e-9 if dtype == torch.float64 else 2e-4 if offset else 2e-5
+    for ours, theirs in zip(
+        (out, mean, variance, *grads), results(reference, make(shape, offset=offset), eps), strict=True
+    ):
+        atol = tolerance * max(1, theirs.abs().max().item())
+        torch.testing.assert_close(ours.double().cpu(), theirs, rtol=tolerance, atol=atol)
+    if cuda.device == "cuda":
+        again = results(anynet_ext, tensors, eps)
+        assert all(torch.equal(one, other) for one, other in zip(again, results(anynet_ext, tensors, eps), strict=True))
 
 
 @pytest.mark.parametrize("isa", ISAS, ids=lambda isa: isa.name)

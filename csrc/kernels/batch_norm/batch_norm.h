@@ -24,9 +24,10 @@ struct BatchNormRelu {
   const T* weight;  // [C]
   const T* bias;    // [C]
   double eps;
-  T* out;       // [N,C,P], contiguous
-  T* mean;      // [C]
-  T* variance;  // [C], of the batch: over M
+  T* out;                  // [N,C,P], contiguous
+  T* mean;                 // [C]
+  T* variance;             // [C], of the batch: over M
+  double* sums = nullptr;  // for CUDA: cuda::batch_norm_sums elements to work with
 };
 
 template <class T>
@@ -42,7 +43,12 @@ struct BatchNormReluBackward {
   T* grad_input;  // [N,C,P], contiguous
   T* grad_weight;
   T* grad_bias;
+  double* sums = nullptr;  // as above
 };
+
+namespace cuda {
+int64_t batch_norm_sums(int64_t batch, int64_t channels, int64_t pixels);
+}
 
 ANYNET_DECLARE_KERNEL(batch_norm_relu, BatchNormRelu)
 ANYNET_DECLARE_KERNEL(batch_norm_relu_backward, BatchNormReluBackward)

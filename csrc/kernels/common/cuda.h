@@ -19,6 +19,8 @@ namespace anynet::cuda {
 
 #define ANYNET_DEVICE __device__ __forceinline__
 
+constexpr unsigned all_lanes = 0xffffffffu;  // of a warp
+
 // ------------------------------------------------------------------------------------------------- element types
 ANYNET_DEVICE float to_accumulator(float a) { return a; }
 ANYNET_DEVICE double to_accumulator(double a) { return a; }

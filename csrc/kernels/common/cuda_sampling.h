@@ -43,8 +43,6 @@ ANYNET_DEVICE A sample(Position<A> at, A pixel, A next) {
   return (1 - at.fraction) * pixel + at.fraction * next;
 }
 
-constexpr unsigned all_lanes = 0xffffffffu;
-
 /// For a warp that owns the pixels [begin, begin + 32) of a row: calls body(x, position of x), with the same arguments
 /// in every lane, for each x in [0, width) in order whose position, or one up to `reach` below it, touches those
 /// pixels. `position(x)` tells where x samples. This turns the scatter of a backward pass into a gather without

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import cv2
 import numpy as np
 import torch
 from torch import Tensor
@@ -89,6 +90,10 @@ def _raising(loader: DataLoader[Item | AnyNetError]) -> Iterator[list[Tensor]]:
         yield batch
 
 
+def _share_cores(_worker: int) -> None:
+    cv2.setNumThreads(1)  # PyTorch sees to its own threads
+
+
 def batches(
     samples: Sequence[StereoSample], recipe: Recipe, steps: range, processes: Processes
 ) -> Iterator[list[Tensor]]:
@@ -110,5 +115,6 @@ def batches(
         num_workers=recipe.workers,
         prefetch_factor=4 if recipe.workers else None,
         pin_memory=processes.device.type == "cuda",
+        worker_init_fn=_share_cores,
     )
     return _raising(loader)

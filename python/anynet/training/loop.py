@@ -30,6 +30,7 @@ from anynet.io.files import make_folder, read_bytes, remove_unfinished, telling_
 from anynet.model.anynet import AnyNet, normalize
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes, process_group, synchronize_batch_norm
+from anynet.training.graphs import GraphedStep
 from anynet.training.log import RunLog
 from anynet.training.loss import loss_weights, stage_losses
 from anynet.training.recipe import Recipe
@@ -162,6 +163,11 @@ class _Run:
         self.step = 0
         if (out / CHECKPOINT).exists():
             self._restore()
+        graphed = group.device.type == "cuda" and group.world_size == 1
+        self._compute = GraphedStep(self._computed, group.device) if graphed else self._computed
+        for parameters in self.optimizer.param_groups:  # wherever the checkpoint comes from
+            parameters["capturable"] = graphed
+            parameters["lr"] = torch.zeros((), device=group.device) if graphed else 0.0
 
     def go(self) -> Path:
         recipe = self.recipe
@@ -179,7 +185,7 @@ class _Run:
                 values = HostCopy(self._update(batch))
                 if before is not None:
                     self._tell(log, before)  # only now: a GPU is not to stand still meanwhile
-                learning_rate = self.optimizer.param_groups[0]["lr"]
+                learning_rate = recipe.learning_rate_at(self.step - 1, self.steps)
                 before = _Step(self.step, values, learning_rate, time.perf_counter() - began, waited)
                 last = self.step == self.steps
                 saves = last or self.step % recipe.checkpoint_every == 0
@@ -200,6 +206,18 @@ class _Run:
 
         Unless they are all finite, the weights stay what they are. The host waits for nothing.
         """
+        rate = self.recipe.learning_rate_at(self.step, self.steps)
+        for parameters in self.optimizer.param_groups:
+            if isinstance(parameters["lr"], Tensor):
+                parameters["lr"].fill_(rate)
+            else:
+                parameters["lr"] = rate
+        values = self._compute(batch)
+        self.step += 1
+        return values
+
+    def _computed(self, batch: list[Tensor]) -> Tensor:
+        """All of `_update` that happens on the device."""
         recipe, group = self.recipe, self.group
         left, right, disparity, weights = (tensor.to(group.device, non_blocking=True) for tensor in batch)
         weights = loss_weights(disparity, weights)
@@ -211,14 +229,11 @@ class _Run:
         (group.world_size * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
         grad_norm = nn.utils.clip_grad_norm_(self.model.parameters(), recipe.max_grad_norm or math.inf, foreach=True)
         values = torch.cat([group.all_reduce_sum(losses.detach()), grad_norm[None]])
-        for parameters in self.optimizer.param_groups:
-            parameters["lr"] = recipe.learning_rate_at(self.step, self.steps)
         # By which a GradScaler tells an optimizer to change nothing.
         self.optimizer.found_inf = values.isfinite().all().logical_not().float()  # type: ignore[attr-defined]
         self.optimizer.step()
         self.optimizer.zero_grad()
         self._move_average()
-        self.step += 1
         return values
 
     @torch.no_grad()

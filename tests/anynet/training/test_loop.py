@@ -99,6 +99,20 @@ def test_a_step_that_is_not_finite_changes_nothing(tmp_path: Path, spoiled: str)
     assert not any(torch.equal(one, other) for one, other in zip(state(), before, strict=True))
 
 
+def test_a_run_goes_on_from_the_checkpoint_of_a_gpu(tmp_path: Path) -> None:
+    """Its optimizer has the learning rate as a tensor, fit for a capture."""
+    run, batch = begun(tmp_path)
+    run._update(batch)
+    run.optimizer.param_groups[0].update(lr=torch.tensor(0.1), capturable=True)
+    run._save()
+    here, _ = begun(tmp_path)
+    assert here.step == 1
+    run.optimizer.param_groups[0].update(lr=0.0, capturable=False)
+    assert torch.equal(here._update(batch), run._update(batch))
+    for one, other in zip(here.model.parameters(), run.model.parameters(), strict=True):
+        assert torch.equal(one, other)
+
+
 class HostWaits(TorchDispatchMode):
     """Notes what would have the host wait for a GPU: operators that read a value, and copies from device to device."""
 
