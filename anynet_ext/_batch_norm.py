@@ -15,7 +15,7 @@ from anynet_ext._register import no_second_derivative, overridable, register_fak
 def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
     """`relu(batch_norm(input))` by the batch's own statistics, and these.
 
-    PyTorch's batch norm goes through a CPU's memory element by element, and ReLU once more; on a GPU it gives each channel
+    PyTorch's goes through a CPU's memory element by element, and ReLU once more; on a GPU it gives each channel
     one block of threads. With running statistics, in eval mode, there is nothing to gain: use PyTorch's.
 
     Args:
