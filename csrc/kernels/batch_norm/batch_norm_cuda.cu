@@ -8,8 +8,8 @@
 namespace anynet::cuda {
 namespace {
 
-constexpr int threads_per_block = 256, warps = threads_per_block / 32, per_thread = 16;
-constexpr int piece_size = threads_per_block * per_thread;
+constexpr int threads_per_block = 256, warps = threads_per_block / 32;
+constexpr int piece_size = 4096;  // so that a second look at a piece finds it in the nearest cache
 
 /// How a channel is divided.
 struct Pieces {
@@ -37,14 +37,11 @@ struct Piece {
   }
 };
 
-/// The block's elements of a piece: body(k, i) for the k-th of this thread, element i of the piece.
+/// Calls body(i) for this thread's share of the piece's elements.
 template <class Body>
 ANYNET_DEVICE void for_each_element(const Piece& piece, const Body& body) {
-#pragma unroll
-  for (int k = 0; k < per_thread; ++k) {
-    const int i = k * threads_per_block + static_cast<int>(threadIdx.x);
-    if (i < piece.length) body(k, i);
-  }
+#pragma unroll 4
+  for (int i = static_cast<int>(threadIdx.x); i < piece.length; i += threads_per_block) body(i);
 }
 
 /// The sum over the block, in every thread; `A` within a warp, double over the warps.
@@ -87,11 +84,14 @@ template <class T>
 __global__ void __launch_bounds__(threads_per_block) gather_statistics(BatchNormRelu<T> a, Pieces pieces) {
   SharedMemory memory;
   const Piece piece(pieces, a.pixels);
-  T value[per_thread], sum = 0, squares = 0;
-  for_each_element(piece, [&](int k, int i) { sum += value[k] = read(a.input + piece.begin + i); });
+  T sum = 0, squares = 0;
+  for_each_element(piece, [&](int i) { sum += read(a.input + piece.begin + i); });
   const double mean = sum_block(sum, memory) / piece.length;
   const T middle = static_cast<T>(mean);
-  for_each_element(piece, [&](int k, int) { squares += (value[k] - middle) * (value[k] - middle); });
+  for_each_element(piece, [&](int i) {
+    const T away = read(a.input + piece.begin + i) - middle;
+    squares += away * away;
+  });
   const double around = sum_block(squares, memory);
   if (threadIdx.x != 0) return;
   a.sums[piece.index] = mean;
@@ -129,7 +129,7 @@ template <class T>
 __global__ void __launch_bounds__(threads_per_block) normalize(BatchNormRelu<T> a, Pieces pieces) {
   const Piece piece(pieces, a.pixels);
   const Norm<T> norm(a, piece.channel);
-  for_each_element(piece, [&](int, int i) { a.out[piece.begin + i] = relu(norm(read(a.input + piece.begin + i))); });
+  for_each_element(piece, [&](int i) { a.out[piece.begin + i] = relu(norm(read(a.input + piece.begin + i))); });
 }
 
 template <class T>
@@ -138,7 +138,7 @@ __global__ void __launch_bounds__(threads_per_block) gather_gradients(BatchNormR
   const Piece piece(pieces, a.pixels);
   const Norm<T> norm(a, piece.channel);
   T sum = 0, product = 0;
-  for_each_element(piece, [&](int, int i) {
+  for_each_element(piece, [&](int i) {
     const T x = read(a.input + piece.begin + i), g = norm.passed(x, read(a.grad + piece.begin + i));
     sum += g;
     product += g * (x - norm.mean);
@@ -166,7 +166,7 @@ __global__ void __launch_bounds__(threads_per_block) spread_gradients(BatchNormR
   const Norm<T> norm(a, piece.channel);
   const T count = static_cast<T>(a.batch * a.pixels), even = a.grad_bias[piece.channel] / count;
   const T slope = a.grad_weight[piece.channel] / norm.deviation / count;
-  for_each_element(piece, [&](int, int i) {
+  for_each_element(piece, [&](int i) {
     const T x = read(a.input + piece.begin + i), g = norm.passed(x, read(a.grad + piece.begin + i));
     a.grad_input[piece.begin + i] = norm.scale * (g - even - slope * (x - norm.mean));
   });

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 
 import cv2
@@ -16,6 +17,7 @@ from anynet.errors import AnyNetError
 from anynet.training.distributed import Processes
 from anynet.training.recipe import Recipe
 
+MOST_WORKERS = 16  # unless asked for more: each keeps some batches ready
 FAR = 0.5  # pixels of disparity: `Recipe.far_weight` is for less
 
 Item = tuple[Tensor, Tensor, Tensor, Tensor]
@@ -94,6 +96,15 @@ def _share_cores(_worker: int) -> None:
     cv2.setNumThreads(1)  # PyTorch sees to its own threads
 
 
+def count_workers(recipe: Recipe, processes: Processes) -> int:
+    """The recipe's; else one beside a CPU that trains, and this process's share of the cores beside a GPU."""
+    if recipe.workers is not None:
+        return recipe.workers
+    if processes.device.type == "cpu":
+        return 1
+    return max(1, min(MOST_WORKERS, len(os.sched_getaffinity(0)) // processes.world_size))
+
+
 def batches(
     samples: Sequence[StereoSample], recipe: Recipe, steps: range, processes: Processes
 ) -> Iterator[list[Tensor]]:
@@ -108,12 +119,13 @@ def batches(
     """
     if recipe.batch_size % processes.world_size:
         raise AnyNetError(f"a batch of {recipe.batch_size} does not divide among {processes.world_size} processes")
+    workers = count_workers(recipe, processes)
     loader = DataLoader(
         _Crops(samples, recipe),
         collate_fn=_collated,
         batch_sampler=_BatchSampler(steps, recipe.batch_size, processes),  # type: ignore[arg-type]
-        num_workers=recipe.workers,
-        prefetch_factor=4 if recipe.workers else None,
+        num_workers=workers,
+        prefetch_factor=4 if workers else None,
         pin_memory=processes.device.type == "cuda",
         worker_init_fn=_share_cores,
     )

@@ -101,7 +101,9 @@ class Recipe:
     amp: bool = _option(False, "Mixed precision (bfloat16), on CUDA.")
     device: str | None = _option(None, "cpu or cuda. Default: cuda where there is one.", runtime=True)
     threads: int | None = _option(None, "CPU threads of the network. Default: PyTorch's.", runtime=True)
-    workers: int = _option(1, "Processes that prepare the data.", runtime=True)
+    workers: int | None = _option(
+        None, "Processes that prepare the data. Default: 1, beside a GPU as many as there are cores.", runtime=True
+    )
     log_every: int = _option(20, "Steps between two lines of the log.", runtime=True)
     checkpoint_every: int = _option(200, "Steps between two checkpoints.", runtime=True)
     validate_every: int | None = _option(None, "Steps between two validations. Default: at the end.", runtime=True)

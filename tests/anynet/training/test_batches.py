@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import torch
 from planes import RECIPE, Planes
 
 from anynet.errors import AnyNetError
-from anynet.training.batches import batches
+from anynet.training.batches import batches, count_workers
 from anynet.training.distributed import Processes
 
 CPU = torch.device("cpu")
@@ -75,3 +76,14 @@ def test_a_damaged_sample_is_told_in_its_own_line(workers: int) -> None:
     found = batches(Damaged(70), recipe, range(70), Processes(0, 1, CPU))  # more than are decoded beforehand
     with pytest.raises(AnyNetError, match=r"\Aa\.png: damaged\Z"):
         list(found)
+
+
+def test_a_gpu_gets_its_share_of_the_cores_for_its_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(24)))
+
+    def count(device: str, world_size: int = 1, workers: int | None = None) -> int:
+        processes = Processes(0, world_size, torch.device(device))
+        return count_workers(replace(RECIPE, workers=workers), processes)
+
+    assert [count("cpu"), count("cuda"), count("cuda", 4), count("cuda", 100)] == [1, 16, 6, 1]
+    assert [count("cpu", workers=3), count("cuda", workers=0)] == [3, 0]
