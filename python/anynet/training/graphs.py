@@ -23,7 +23,7 @@ class GraphedStep:
         if self._calls <= WARM_UP:
             return self._step(batch)
         if self._graph is None:
-            self._batch = [tensor.to(self._device) for tensor in batch]
+            self._batch = [torch.empty_like(tensor, device=self._device) for tensor in batch]
             graph = torch.cuda.CUDAGraph()
             # Data loaders pin memory meanwhile.
             with torch.cuda.device(self._device), torch.cuda.graph(graph, capture_error_mode="thread_local"):
