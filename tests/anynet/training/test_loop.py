@@ -21,6 +21,7 @@ from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from anynet import cli
+from anynet.baselines.model import MODELS
 from anynet.checkpoint import load_checkpoint
 from anynet.errors import AnyNetError
 from anynet.model.anynet import AnyNet
@@ -144,13 +145,19 @@ def test_a_step_reads_no_value(tmp_path: Path, amp: bool) -> None:
     assert waits.operators == ["aten._local_scalar_dense.default"]
 
 
-def test_only_the_batch_goes_from_the_host_to_the_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The device is `meta`, which has no values to read, and of which PyTorch's optimizers know nothing."""
+@pytest.mark.parametrize("model", [None, *sorted(MODELS)])
+def test_only_the_batch_goes_from_the_host_to_the_device(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | None
+) -> None:
+    """Nor could more, while a graph is captured.
+
+    The device is `meta`, which has no values to read, and of which PyTorch's optimizers know nothing.
+    """
     for module, kind in (("torch.utils._foreach_utils", "foreach"), ("torch.optim.optimizer", "fused")):
         monkeypatch.setattr(import_module(module), f"_get_{kind}_kernels_supported_devices", lambda: ["meta"])
     monkeypatch.setattr(torch, "autocast", lambda *_, **__: nullcontext())
     monkeypatch.setattr(torch, "is_autocast_enabled", lambda _: False)
-    run, batch = begun(tmp_path, "meta", ema_decay=0.9)
+    run, batch = begun(tmp_path, "meta", ema_decay=0.9, model=model)
     with HostWaits() as waits:
         for _ in range(2):
             assert run._update(batch).is_meta
