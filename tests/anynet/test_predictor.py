@@ -96,7 +96,7 @@ def test_input_scale(input_scale: float, shift: int) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (40, 180, 3), dtype=np.uint8)
     wide = np.kron(noise, np.ones((5, 5, 1), np.uint8))
     left, right = wide[:, :-shift], wide[:, shift:]
-    predictor = Predictor("paper", input_scale=input_scale)
+    predictor = Predictor("large", input_scale=input_scale)
     assert predictor.config.input_scale == input_scale
     for estimate in predictor.stages(left, right):
         assert estimate.disparity.shape == (200, 900 - shift)
@@ -370,7 +370,7 @@ def test_confidence_changes_no_disparity(input_scale: float, left_right: bool) -
 
 @pytest.mark.parametrize("input_scale", [1, 0.6])
 def test_the_right_view_is_the_left_one_of_mirrored_images(input_scale: float) -> None:
-    predictor = Predictor("paper", input_scale=input_scale)
+    predictor = Predictor("default", input_scale=input_scale)
     left, right = pair(50, 90)
     options = {"confidence": True, "left_right": True}
     seen = predictor.predict(left, right, view="right", **options)
