@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 
-import cv2
 import numpy as np
 import torch
 from torch import Tensor
@@ -92,10 +91,6 @@ def _raising(loader: DataLoader[Item | AnyNetError]) -> Iterator[list[Tensor]]:
         yield batch
 
 
-def _share_cores(_worker: int) -> None:
-    cv2.setNumThreads(1)  # PyTorch sees to its own threads
-
-
 def count_workers(recipe: Recipe, processes: Processes) -> int:
     """The recipe's; else one beside a CPU that trains, and this process's share of the cores beside a GPU."""
     if recipe.workers is not None:
@@ -127,6 +122,5 @@ def batches(
         num_workers=workers,
         prefetch_factor=4 if workers else None,
         pin_memory=processes.device.type == "cuda",
-        worker_init_fn=_share_cores,
     )
     return _raising(loader)
