@@ -25,16 +25,12 @@ ARCHITECTURES = {"sm_75", "sm_80", "sm_86", "sm_87", "sm_89", "sm_90", "sm_100",
 
 # Registers a thread may use, so that a multiprocessor (65,536 registers) holds at least the blocks named.
 REGISTERS = {
-    **dict.fromkeys(  # 256 threads: four
-        (
-            f"batch_norm::{name}"
-            for name in (
-                *("gather_statistics", "combine_statistics", "normalize"),
-                *("gather_gradients", "combine_gradients", "spread_gradients"),
-            )
-        ),
-        64,
-    ),
+    "batch_norm::combine_gradients": 64,  # 256 threads: four
+    "batch_norm::combine_statistics": 64,
+    "batch_norm::gather_gradients": 64,
+    "batch_norm::gather_statistics": 64,
+    "batch_norm::normalize": 64,
+    "batch_norm::spread_gradients": 64,
     "candidates::costs": 96,  # 128 threads: five
     "candidates::expect": 64,
     "conv::forward": 128,  # 128 threads: four

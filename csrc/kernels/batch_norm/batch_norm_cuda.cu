@@ -11,29 +11,36 @@ namespace {
 constexpr int threads_per_block = 256, warps = threads_per_block / 32;
 constexpr int piece_size = 4096;  // so that a second look at a piece finds it in the nearest cache
 
-/// How a channel is divided.
+/// How the channels are divided.
 struct Pieces {
-  int64_t per_plane, per_channel, channels;
+  int64_t channels, pixels, per_plane, per_channel, count;
 
   template <class Args>
   explicit Pieces(const Args& a)
-      : per_plane(ceil_div(a.pixels, piece_size)), per_channel(a.batch * per_plane), channels(a.channels) {}
+      : channels(a.channels),
+        pixels(a.pixels),
+        per_plane(ceil_div(a.pixels, piece_size)),
+        per_channel(a.batch * per_plane),
+        count(a.channels * per_channel) {}
 
-  int64_t count() const { return channels * per_channel; }
+  /// Of a plane's piece.
+  ANYNET_DEVICE int64_t length(int64_t part) const {
+    const int64_t left = pixels - part * piece_size;
+    return left < piece_size ? left : piece_size;
+  }
 };
 
-/// Number `index` of a channel's pieces: `length` elements from `begin` on.
+/// The block's piece, number `index` channel by channel: `length` elements from `begin` on.
 struct Piece {
   int64_t channel, index, begin;
   int length;
 
-  ANYNET_DEVICE Piece(const Pieces& pieces, int64_t pixels) {
-    const int64_t plane = blockIdx.x / pieces.per_plane, part = blockIdx.x % pieces.per_plane,
-                  left = pixels - part * piece_size;
+  ANYNET_DEVICE explicit Piece(const Pieces& pieces) {
+    const int64_t plane = blockIdx.x / pieces.per_plane, part = blockIdx.x % pieces.per_plane;
     channel = plane % pieces.channels;
     index = channel * pieces.per_channel + plane / pieces.channels * pieces.per_plane + part;
-    begin = plane * pixels + part * piece_size;
-    length = static_cast<int>(left < piece_size ? left : piece_size);
+    begin = plane * pieces.pixels + part * piece_size;
+    length = static_cast<int>(pieces.length(part));
   }
 };
 
@@ -83,7 +90,7 @@ struct Norm {
 template <class T>
 __global__ void __launch_bounds__(threads_per_block) gather_statistics(BatchNormRelu<T> a, Pieces pieces) {
   SharedMemory memory;
-  const Piece piece(pieces, a.pixels);
+  const Piece piece(pieces);
   T sum = 0, squares = 0;
   for_each_element(piece, [&](int i) { sum += read(a.input + piece.begin + i); });
   const double mean = sum_block(sum, memory) / piece.length;
@@ -95,17 +102,16 @@ __global__ void __launch_bounds__(threads_per_block) gather_statistics(BatchNorm
   const double around = sum_block(squares, memory);
   if (threadIdx.x != 0) return;
   a.sums[piece.index] = mean;
-  a.sums[pieces.channels * pieces.per_channel + piece.index] =
-      around - piece.length * (mean - middle) * (mean - middle);
+  a.sums[pieces.count + piece.index] = around - piece.length * (mean - middle) * (mean - middle);
 }
 
 /// Sums terms(i, length of piece i) over the pieces of the block's channel.
 template <class Terms>
-ANYNET_DEVICE double sum_pieces(const Pieces& pieces, int64_t pixels, SharedMemory& memory, const Terms& terms) {
+ANYNET_DEVICE double sum_pieces(const Pieces& pieces, SharedMemory& memory, const Terms& terms) {
   double sum = 0;
+#pragma unroll 1  // or the division in it spills
   for (int64_t i = threadIdx.x; i < pieces.per_channel; i += threads_per_block) {
-    const int64_t left = pixels - i % pieces.per_plane * piece_size;
-    sum += terms(blockIdx.x * pieces.per_channel + i, static_cast<double>(left < piece_size ? left : piece_size));
+    sum += terms(blockIdx.x * pieces.per_channel + i, static_cast<double>(pieces.length(i % pieces.per_plane)));
   }
   return sum_block(sum, memory);
 }
@@ -113,11 +119,11 @@ ANYNET_DEVICE double sum_pieces(const Pieces& pieces, int64_t pixels, SharedMemo
 template <class T>
 __global__ void __launch_bounds__(threads_per_block) combine_statistics(BatchNormRelu<T> a, Pieces pieces) {
   SharedMemory memory;
-  const double* squares = a.sums + pieces.channels * pieces.per_channel;
+  const double* squares = a.sums + pieces.count;
   const double count = static_cast<double>(a.batch * a.pixels);
-  const double mean = sum_pieces(pieces, a.pixels, memory, [&](int64_t i, double n) { return n * a.sums[i]; }) / count;
+  const double mean = sum_pieces(pieces, memory, [&](int64_t i, double n) { return n * a.sums[i]; }) / count;
   const double variance =
-      sum_pieces(pieces, a.pixels, memory,
+      sum_pieces(pieces, memory,
                  [&](int64_t i, double n) { return squares[i] + n * (a.sums[i] - mean) * (a.sums[i] - mean); }) /
       count;
   if (threadIdx.x != 0) return;
@@ -127,7 +133,7 @@ __global__ void __launch_bounds__(threads_per_block) combine_statistics(BatchNor
 
 template <class T>
 __global__ void __launch_bounds__(threads_per_block) normalize(BatchNormRelu<T> a, Pieces pieces) {
-  const Piece piece(pieces, a.pixels);
+  const Piece piece(pieces);
   const Norm<T> norm(a, piece.channel);
   for_each_element(piece, [&](int i) { a.out[piece.begin + i] = relu(norm(read(a.input + piece.begin + i))); });
 }
@@ -135,7 +141,7 @@ __global__ void __launch_bounds__(threads_per_block) normalize(BatchNormRelu<T> 
 template <class T>
 __global__ void __launch_bounds__(threads_per_block) gather_gradients(BatchNormReluBackward<T> a, Pieces pieces) {
   SharedMemory memory;
-  const Piece piece(pieces, a.pixels);
+  const Piece piece(pieces);
   const Norm<T> norm(a, piece.channel);
   T sum = 0, product = 0;
   for_each_element(piece, [&](int i) {
@@ -146,15 +152,15 @@ __global__ void __launch_bounds__(threads_per_block) gather_gradients(BatchNormR
   const double sums = sum_block(sum, memory), products = sum_block(product, memory);
   if (threadIdx.x != 0) return;
   a.sums[piece.index] = sums;
-  a.sums[pieces.channels * pieces.per_channel + piece.index] = products;
+  a.sums[pieces.count + piece.index] = products;
 }
 
 template <class T>
 __global__ void __launch_bounds__(threads_per_block) combine_gradients(BatchNormReluBackward<T> a, Pieces pieces) {
   SharedMemory memory;
-  const double* products = a.sums + pieces.channels * pieces.per_channel;
-  const double sum = sum_pieces(pieces, a.pixels, memory, [&](int64_t i, double) { return a.sums[i]; });
-  const double product = sum_pieces(pieces, a.pixels, memory, [&](int64_t i, double) { return products[i]; });
+  const double* products = a.sums + pieces.count;
+  const double sum = sum_pieces(pieces, memory, [&](int64_t i, double) { return a.sums[i]; });
+  const double product = sum_pieces(pieces, memory, [&](int64_t i, double) { return products[i]; });
   if (threadIdx.x != 0) return;
   a.grad_bias[blockIdx.x] = static_cast<T>(sum);
   a.grad_weight[blockIdx.x] = static_cast<T>(product / Norm<T>(a, blockIdx.x).deviation);
@@ -162,7 +168,7 @@ __global__ void __launch_bounds__(threads_per_block) combine_gradients(BatchNorm
 
 template <class T>
 __global__ void __launch_bounds__(threads_per_block) spread_gradients(BatchNormReluBackward<T> a, Pieces pieces) {
-  const Piece piece(pieces, a.pixels);
+  const Piece piece(pieces);
   const Norm<T> norm(a, piece.channel);
   const T count = static_cast<T>(a.batch * a.pixels), even = a.grad_bias[piece.channel] / count;
   const T slope = a.grad_weight[piece.channel] / norm.deviation / count;
@@ -170,6 +176,16 @@ __global__ void __launch_bounds__(threads_per_block) spread_gradients(BatchNormR
     const T x = read(a.input + piece.begin + i), g = norm.passed(x, read(a.grad + piece.begin + i));
     a.grad_input[piece.begin + i] = norm.scale * (g - even - slope * (x - norm.mean));
   });
+}
+
+/// A block per piece gathers sums, one per channel combines them, and one per piece writes what follows.
+template <class Args>
+void run(const char* name, void (*gather)(Args, Pieces), void (*combine)(Args, Pieces), void (*write)(Args, Pieces),
+         const Args& a, Stream stream) {
+  const Pieces pieces(a);
+  launch(name, gather, pieces.count, threads_per_block, two_sums, stream, a, pieces);
+  launch(name, combine, pieces.channels, threads_per_block, two_sums, stream, a, pieces);
+  launch(name, write, pieces.count, threads_per_block, 0, stream, a, pieces);
 }
 
 }  // namespace
@@ -180,20 +196,12 @@ int64_t batch_norm_sums(int64_t batch, int64_t channels, int64_t pixels) {
 
 template <class T>
 void batch_norm_relu(const BatchNormRelu<T>& a, Stream stream) {
-  const Pieces pieces(a);
-  const char* name = "batch_norm_relu";
-  launch(name, gather_statistics<T>, pieces.count(), threads_per_block, two_sums, stream, a, pieces);
-  launch(name, combine_statistics<T>, a.channels, threads_per_block, two_sums, stream, a, pieces);
-  launch(name, normalize<T>, pieces.count(), threads_per_block, 0, stream, a, pieces);
+  run("batch_norm_relu", gather_statistics<T>, combine_statistics<T>, normalize<T>, a, stream);
 }
 
 template <class T>
 void batch_norm_relu_backward(const BatchNormReluBackward<T>& a, Stream stream) {
-  const Pieces pieces(a);
-  const char* name = "batch_norm_relu_backward";
-  launch(name, gather_gradients<T>, pieces.count(), threads_per_block, two_sums, stream, a, pieces);
-  launch(name, combine_gradients<T>, a.channels, threads_per_block, two_sums, stream, a, pieces);
-  launch(name, spread_gradients<T>, pieces.count(), threads_per_block, 0, stream, a, pieces);
+  run("batch_norm_relu_backward", gather_gradients<T>, combine_gradients<T>, spread_gradients<T>, a, stream);
 }
 
 template void batch_norm_relu<float>(const BatchNormRelu<float>&, Stream);

@@ -127,7 +127,6 @@ class _Step:
 
     number: int
     values: HostCopy
-    learning_rate: float
     seconds: float
     waited: float
 
@@ -185,8 +184,7 @@ class _Run:
                 values = HostCopy(self._update(batch))
                 if before is not None:
                     self._tell(log, before)  # only now: a GPU is not to stand still meanwhile
-                learning_rate = recipe.learning_rate_at(self.step - 1, self.steps)
-                before = _Step(self.step, values, learning_rate, time.perf_counter() - began, waited)
+                before = _Step(self.step, values, time.perf_counter() - began, waited)
                 last = self.step == self.steps
                 saves = last or self.step % recipe.checkpoint_every == 0
                 validates = bool(self.validation) and (last or self.step % validate_every == 0)
@@ -261,7 +259,8 @@ class _Run:
                 )
         if not math.isfinite(grad_norm):
             raise AnyNetError(f"the gradient became {grad_norm} at step {step.number}, the losses being {losses}")
-        log.step(step.number, losses, grad_norm, step.learning_rate, step.seconds, step.waited)
+        rate = self.recipe.learning_rate_at(step.number - 1, self.steps)
+        log.step(step.number, losses, grad_norm, rate, step.seconds, step.waited)
 
     def _save(self) -> None:
         state = {

@@ -102,7 +102,7 @@ class Recipe:
     device: str | None = _option(None, "cpu or cuda. Default: cuda where there is one.", runtime=True)
     threads: int | None = _option(None, "CPU threads of the network. Default: PyTorch's.", runtime=True)
     workers: int | None = _option(
-        None, "Processes that prepare the data. Default: 1, beside a GPU as many as there are cores.", runtime=True
+        None, "Processes that prepare the data. Default: 1; beside a GPU one per core, up to 16.", runtime=True
     )
     log_every: int = _option(20, "Steps between two lines of the log.", runtime=True)
     checkpoint_every: int = _option(200, "Steps between two checkpoints.", runtime=True)
