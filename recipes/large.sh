@@ -1,6 +1,6 @@
 #!/bin/sh
-# The last run of the weights `large`: more pairs than all runs before it, with the faults of real rigs. Ten minutes on an
-# H100, most of a day on two cores. The runs before it are in docs/weights.md.
+# The last run of the weights `large`, longer than any before it, with the faults of real rigs. Ten minutes on an H100, most
+# of a day on two cores. The runs before it are in docs/weights.md.
 #
 #     recipes/large.sh FOLDER
 #
