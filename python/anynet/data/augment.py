@@ -43,8 +43,8 @@ def mirrored(sample: RenderedSample) -> StereoSample:
     """The right view, mirrored, as the left one: again a proper pair, with its own disparities."""
     disparity = sample.right_disparity[:, ::-1]
     return StereoSample(
-        left=sample.right[:, ::-1],
-        right=sample.left[:, ::-1],
+        left=cv2.flip(sample.right, 1).astype(np.uint8, copy=False),
+        right=cv2.flip(sample.left, 1).astype(np.uint8, copy=False),
         disparity=disparity,
         valid=disparity < MAX_DISPARITY,
         noc=~sample.right_occluded[:, ::-1],
@@ -121,7 +121,7 @@ def non_occluded(sample: StereoSample, hidden: NDArray[np.bool_] | None = None) 
     """
     known = sample.valid if sample.noc is None else sample.valid & sample.noc
     width = known.shape[1]
-    match = np.arange(width) - np.where(sample.valid, sample.disparity, 0)
+    match = np.arange(width, dtype=np.float32) - np.where(sample.valid, sample.disparity, np.float32(0))
     inside = known & (match >= 0)
     if hidden is not None:
         columns = np.clip(np.rint(match), 0, width - 1).astype(np.intp)

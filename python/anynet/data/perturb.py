@@ -35,8 +35,9 @@ def exposed(image: Image, gain: float, gamma: float = 1.0) -> Image:
 
 def noisy(image: Image, deviation: float, rng: Rng) -> Image:
     """With Gaussian noise of this standard deviation, in gray levels."""
-    noise = np.float32(deviation) * rng.standard_normal(image.shape, np.float32)
-    return np.clip(np.rint(image + noise), 0, 255).astype(np.uint8)
+    cv2.setRNGSeed(int(rng.integers(2**31)))  # four times as fast as NumPy's
+    noise = cv2.randn(np.empty((len(image), image[0].size), np.int16), 0.0, deviation).reshape(image.shape)
+    return cv2.add(image, noise, dtype=cv2.CV_8U).astype(np.uint8, copy=False)
 
 
 def blurred(image: Image, sigma: float) -> Image:

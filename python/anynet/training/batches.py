@@ -52,7 +52,7 @@ class _Crops(Dataset["Item | AnyNetError"]):
         else:
             sample = random_crop(sample, recipe.crop_size, rng)
         assert sample.noc is not None  # crops say what they show
-        disparity = np.where(sample.valid, sample.disparity, 0).astype(np.float32)
+        disparity = np.where(sample.valid, sample.disparity, np.float32(0))
         weights = np.where(sample.noc, np.float32(1), np.float32(recipe.occluded_weight) * sample.valid)
         weights[disparity < FAR] *= recipe.far_weight
         return (

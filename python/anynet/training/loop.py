@@ -222,7 +222,7 @@ class _Run:
         total = group.all_reduce_sum(weights.sum()).clamp(min=1)
         with torch.autocast(group.device.type, torch.bfloat16, enabled=recipe.amp):
             outputs = self.parallel(normalize(left), normalize(right), self.stages)
-        losses = stage_losses(outputs, disparity, weights, total, recipe.robust_scale)
+        losses = stage_losses(outputs, disparity, weights, total, recipe.smooth_below, recipe.robust_scale)
         # DistributedDataParallel averages the gradients; the losses of the processes are parts of one sum.
         (group.world_size * (losses * self.stage_weights).sum()).backward()  # type: ignore[no-untyped-call]
         grad_norm = nn.utils.clip_grad_norm_(self.model.parameters(), recipe.max_grad_norm or math.inf, foreach=True)

@@ -17,17 +17,23 @@ def loss_weights(disparity: Tensor, weights: Tensor) -> Tensor:
 
 
 def stage_losses(
-    outputs: Sequence[Tensor], disparity: Tensor, weights: Tensor, total: Tensor, robust_scale: float = 0.0
+    outputs: Sequence[Tensor],
+    disparity: Tensor,
+    weights: Tensor,
+    total: Tensor,
+    smooth_below: float = 1.0,
+    robust_scale: float = 0.0,
 ) -> Tensor:
     """Smooth-L1 in pixels of each stage, weighted, summed and divided by `total` (paper, section III-D).
 
+    An error below `smooth_below` counts by its square: the smaller it is, the less it teaches.
     With `robust_scale` c > 0, a loss x counts as c log(1 + x / c): outliers, as they are where nothing can be matched,
     do not drown what can be mended.
 
     outputs: S tensors [N,1,H,W]; disparity: [N,1,H,W], finite; weights: float32 [N,1,H,W];
     total: scalar, the weights' sum (over all processes, in which case the losses of the processes add up). -> [S]
     """
-    losses = [F.smooth_l1_loss(out, disparity, reduction="none") for out in outputs]
+    losses = [F.smooth_l1_loss(out, disparity, reduction="none", beta=smooth_below) for out in outputs]
     if robust_scale:
         losses = [robust_scale * torch.log1p(loss / robust_scale) for loss in losses]
     return torch.stack([(loss * weights).sum() for loss in losses]) / total

@@ -87,6 +87,9 @@ class Recipe:
     stage_weights: tuple[float, ...] = _option(
         (), "Weight of each stage's loss; last ones of 0 are not computed. Default: 0.25, 0.5, 1..."
     )
+    smooth_below: float = _option(
+        1.0, "Pixels of error below which the loss is square, so that small errors hardly teach. 1: the paper's."
+    )
     robust_scale: float = _option(
         0.0,
         "Pixels of error beyond which the loss grows as the logarithm only, so that outliers teach less. 0: never.",
@@ -141,6 +144,8 @@ class Recipe:
         for name in ("occluded_weight", "far_weight"):
             if not 0 <= getattr(self, name) <= 1:
                 raise AnyNetError(f"{name} must be in [0, 1], got {getattr(self, name)}")
+        if not self.smooth_below > 0:
+            raise AnyNetError(f"smooth_below must be positive, got {self.smooth_below}")
         if not self.robust_scale >= 0:
             raise AnyNetError(f"robust_scale must be positive or 0, got {self.robust_scale}")
         if not 0 <= self.ema_decay < 1:

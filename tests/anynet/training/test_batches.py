@@ -52,6 +52,8 @@ def test_what_is_far_can_weigh_less() -> None:
         replace(RECIPE, far_weight=2)
     with pytest.raises(AnyNetError, match=r"robust_scale must be positive or 0, got -1"):
         replace(RECIPE, robust_scale=-1)
+    with pytest.raises(AnyNetError, match=r"smooth_below must be positive, got 0"):
+        replace(RECIPE, smooth_below=0)
 
 
 def test_the_processes_share_the_batch_of_one() -> None:
