@@ -221,10 +221,11 @@ def test_command_line(tmp_path: Path) -> None:
 def test_a_training_step_never_waits(tmp_path: Path, compiled: bool, amp: bool) -> None:
     if compiled and sys.platform != "linux":
         pytest.skip("torch.compile needs Triton")
-    recipe = Recipe(steps=6, weights="default", amp=amp, ema_decay=0.9)
+    recipe = Recipe(steps=7, weights="default", learning_rate=3e-4, amp=amp, ema_decay=0.9)
     run = _Run(recipe, tmp_path, [], {}, Processes(0, 1, torch.device("cuda")))
     if compiled:
         run.parallel = torch.compile(run.model)
+    torch.manual_seed(0)
     left, right = (torch.randint(0, 256, (2, 3, 64, 128), dtype=torch.uint8) for _ in range(2))
     batch = [left, right, torch.rand(2, 1, 64, 128) * 30, torch.ones(2, 1, 64, 128)]
     batch = [tensor.pin_memory() for tensor in batch]

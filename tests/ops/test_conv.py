@@ -330,6 +330,7 @@ def test_autocast_computes_in_float32(dtype: torch.dtype) -> None:
 
 
 @pytest.mark.cuda
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU and the CUDA build of torch")
 @pytest.mark.parametrize("dimensions", [2, 3])
 def test_cuda_calls_pytorch(dimensions: int) -> None:
     tensors = make((3, 5, 19)[-dimensions:], (3, 6))
