@@ -13,9 +13,12 @@
 
 namespace anynet::ANYNET_ISA {
 
-/// Calls body(begin, end) with the parts of [0, count) that up to `threads` threads share. A kernel must compute each
+/// Calls body(begin, end) with parts of [0, count) that up to `threads` threads share. A kernel must compute each
 /// index in the same way whichever part it falls into, so that results do not depend on the number of threads.
 /// `body` may throw std::bad_alloc, and nothing else.
+///
+/// Cores are not equally fast: some are small, some are lent to other work meanwhile. So each thread begins with half
+/// of its share, whose neighbors it has in its cache, and the rest goes in small parts to whoever is free.
 template <class Body>
 void parallel_ranges(int64_t count, int threads, const Body& body) {
   if (threads > count) threads = static_cast<int>(count);
@@ -23,21 +26,34 @@ void parallel_ranges(int64_t count, int threads, const Body& body) {
     if (count > 0) body(int64_t{0}, count);
     return;
   }
-  bool failed = false;  // an exception may not leave the thread that threw it
-  const auto part = [&](int t) {
+  constexpr int parts = 4;  // of the rest of a share
+  bool failed = false;      // an exception may not leave the thread that threw it
+  int next = 0;
+  const auto compute = [&](int64_t begin, int64_t end) {
+    if (begin == end) return;
     try {
-      body(count * t / threads, count * (t + 1) / threads);
+      body(begin, end);
     } catch (const std::bad_alloc&) {
       __atomic_store_n(&failed, true, __ATOMIC_RELAXED);
     }
   };
+  const auto work = [&](int t) {
+    const auto share = [&](int i) { return count * i / threads; };
+    const auto half = [&](int i) { return (share(i) + share(i + 1) + 1) / 2; };
+    compute(share(t), half(t));
+    for (int i; (i = __atomic_fetch_add(&next, 1, __ATOMIC_RELAXED)) < parts * threads;) {
+      const int of = i % threads, part = i / threads;
+      const int64_t begin = half(of), rest = share(of + 1) - begin;
+      compute(begin + rest * part / parts, begin + rest * (part + 1) / parts);
+    }
+  };
 #ifdef ANYNET_STD_THREADS  // ThreadSanitizer does not understand libgomp's barriers
   std::vector<std::thread> pool;
-  for (int t = 0; t < threads; ++t) pool.emplace_back(part, t);
+  for (int t = 0; t < threads; ++t) pool.emplace_back(work, t);
   for (auto& thread : pool) thread.join();
 #else
 #pragma omp parallel for num_threads(threads) schedule(static)
-  for (int t = 0; t < threads; ++t) part(t);
+  for (int t = 0; t < threads; ++t) work(t);
 #endif
   if (failed) throw_out_of_memory();
 }
