@@ -1,4 +1,7 @@
-"""The mean of several weights of one network: python recipes/average.py OUT A B ..., all .safetensors files."""
+"""The mean of several weights of one network: python recipes/average.py OUT A B ..., all .safetensors files.
+
+One that is named twice counts twice.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 #!/bin/sh
-# The weights `default`: features and later stages of `large`, a first stage of its own; about eight hours on two cores.
-# The last of the five runs was ten minutes on an H100.
+# The weights `default`: features and later stages of `large`, a first stage of its own; most of a day on two cores. The
+# last two of the six runs were ten minutes each on an H100.
 #
 #     recipes/default.sh FOLDER
 #
@@ -15,7 +15,7 @@ anynet render --out "$out/third" --count "${PAIRS:-3200}" --seed 501200
 anynet finetune --preset default --weights large --load-partial --steps "${STEPS:-4000}" --seed 1 \
     --learning-rate 1.5e-3 --stage-weights 1 --stage-weights 0 --stage-weights 0 --stage-weights 0 \
     --data "rendered:$out/first" --out "$out/default-first-stage" --resume
-# Then all of it, four times, each from the weights before and with a cosine of its own.
+# Then all of it, five times, each from the weights before and with a cosine of its own.
 all="--stage-weights 1 --stage-weights 0.5 --stage-weights 1 --stage-weights 1"
 anynet finetune --preset default --weights "$out/default-first-stage/weights.safetensors" --steps "${STEPS:-3200}" \
     --seed 2 $all --data "rendered:$out/first" --data "rendered:$out/second" --out "$out/default-all" --resume
@@ -25,7 +25,11 @@ anynet finetune --preset default --weights "$out/default-all/weights.safetensors
 anynet finetune --preset default --weights "$out/default-again/weights.safetensors" --steps "${STEPS:-5000}" --seed 4 \
     $all --data "rendered:$out/first" --data "rendered:$out/second" --data "rendered:$out/third" \
     --out "$out/default-more" --resume
-anynet render --out "$out/pairs" --count "${PAIRS:-2400}" --seed 1000000
+anynet render --out "$out/fourth" --count "${PAIRS:-2400}" --seed 1000000
 anynet finetune --preset default --weights "$out/default-more/weights.safetensors" --steps "${STEPS:-14707}" --seed 32 \
     --learning-rate 1.5e-3 --batch-size 12 --ema-decay 0.995 $all \
+    --data "rendered:$out/fourth" --out "$out/default-most" --resume
+anynet render --out "$out/pairs" --count "${PAIRS:-2400}" --seed 2000000
+anynet finetune --preset default --weights "$out/default-most/weights.safetensors" --steps "${STEPS:-17805}" --seed 42 \
+    --learning-rate 2e-3 --batch-size 24 --ema-decay 0.995 --smooth-below 0.25 $all \
     --data "rendered:$out/pairs" --out "$out/default" --resume
