@@ -1,5 +1,5 @@
 #!/bin/sh
-# The weights `kitti`: a mean of two that `large` became on KITTI 2015; about two hours on one core, a minute on an H100. The
+# The weights `kitti`: a mean of two that `large` became on KITTI 2015; about 90 minutes on one core, one on an H100. The
 # pairs that val.txt names are left out.
 #
 #     recipes/kitti.sh FOLDER KITTI
