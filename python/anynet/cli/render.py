@@ -15,7 +15,7 @@ def render(
     seed: Annotated[int, typer.Option(min=0, max=2**62, help="Seed of the first pair; each next one adds 1.")] = 0,
     height: Annotated[int, typer.Option(min=64, max=16384, help="Pixels.")] = 384,
     width: Annotated[int, typer.Option(min=64, max=16384, help="Pixels.")] = 768,
-    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes; by default one per core that this process may use.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, max=1024, help="Processes; by default one per core.")] = None,
 ) -> None:
     """Renders random stereo pairs with exact disparity and occlusion of both views, for `anynet train`."""
     from rich.progress import track

@@ -36,8 +36,9 @@ def exposed(image: Image, gain: float, gamma: float = 1.0) -> Image:
 def noisy(image: Image, deviation: float, rng: Rng) -> Image:
     """With Gaussian noise of this standard deviation, in gray levels."""
     cv2.setRNGSeed(int(rng.integers(2**31)))  # four times as fast as NumPy's
-    noise = cv2.randn(np.empty((len(image), image[0].size), np.int16), 0.0, deviation).reshape(image.shape)
-    return cv2.add(image, noise, dtype=cv2.CV_8U).astype(np.uint8, copy=False)
+    noise = np.empty((len(image), image[0].size), np.int16)
+    cv2.randn(noise, np.zeros(1), np.array([deviation], np.float64))
+    return cv2.add(image, noise.reshape(image.shape), dtype=cv2.CV_8U).astype(np.uint8, copy=False)
 
 
 def blurred(image: Image, sigma: float) -> Image:
