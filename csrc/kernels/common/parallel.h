@@ -18,7 +18,8 @@ namespace anynet::ANYNET_ISA {
 /// `body` may throw std::bad_alloc, and nothing else.
 ///
 /// Cores are not equally fast: some are small, some are lent to other work meanwhile. So each thread begins with half
-/// of its share, whose neighbors it has in its cache, and the rest goes in small parts to whoever is free.
+/// of its share, whose neighbors it has in its cache, and the rest goes in small parts to whoever is free. Half of one
+/// index is that index: with as many indices as threads, each thread has its own.
 template <class Body>
 void parallel_ranges(int64_t count, int threads, const Body& body) {
   if (threads > count) threads = static_cast<int>(count);
