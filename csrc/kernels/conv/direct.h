@@ -42,27 +42,6 @@ ANYNET_INLINE void read_after(const T*& p, vec<T>& v) {
 #endif
 }
 
-/// sum += a * b. With 16 registers and an instruction for it, all three are in registers: left to itself, the compiler
-/// reads `a` and `b` from memory each time that they are needed, more often than the processor can, or keeps a sum
-/// there.
-#if defined(__AVX2__) && !defined(__AVX512F__)
-constexpr bool in_registers = true;
-template <class T>
-ANYNET_INLINE void add_product(vec<T>& sum, const vec<T>& a, const vec<T>& b) {
-  if constexpr (sizeof(T) == 4) {
-    asm("vfmadd231ps %2, %1, %0" : "+x"(sum) : "x"(a), "x"(b));
-  } else {
-    asm("vfmadd231pd %2, %1, %0" : "+x"(sum) : "x"(a), "x"(b));
-  }
-}
-#else
-constexpr bool in_registers = false;
-template <class T>
-ANYNET_INLINE void add_product(vec<T>& sum, const vec<T>& a, const vec<T>& b) {
-  sum += a * b;
-}
-#endif
-
 #if defined(__aarch64__)
 /// sum + a * b[lane]
 template <int lane>
@@ -250,11 +229,11 @@ constexpr int max_rows = 4;
 
 /// As many output rows as share a block whose channels alone would leave registers free.
 constexpr int rows_beside(int channels) { return std::min(max_rows, max_channels / channels); }
-/// As many vectors as fit, besides one register for a weight and, per vector, one for a tap's pixels. Of several
-/// channels one more stays free, unless add_product sees to it: compilers keep a sum in memory otherwise, and
-/// everything waits for it.
+/// As many vectors as fit, besides one register for a weight (of one channel, for its three of a column) and, per
+/// vector, one for a tap's pixels. Of several channels one more stays free, unless add_product sees to it: compilers
+/// keep a sum in memory otherwise, and everything waits for it.
 constexpr int vectors_beside(int channels, int rows) {
-  const int free = registers - (channels == 1 || in_registers ? 1 : 2);
+  const int free = registers - (channels == 1 ? 3 : in_registers ? 1 : 2);
   return std::min(6, free / (channels * rows + 1));
 }
 
@@ -312,17 +291,24 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
     for (int64_t k = 0; k < window.planes; ++k) {
       const T* plane = window.data + c * window.channel + window.plane[k] + stride * x;
       const T* w = weight + (c * window.kernel + window.kz[k] * 9) * CO;
-#pragma GCC unroll 8
-      for (int i = 0; i < R + 2; ++i) {
-        if (window.row[i] < 0) continue;
 #pragma GCC unroll 3
-        for (int kx = 0; kx < 3; ++kx) {
+      for (int kx = 0; kx < 3; ++kx) {
+        vec<T> column[3];  // of weights, if there is one channel: for all rows
+        if constexpr (CO == 1) {
+#pragma GCC unroll 3
+          for (int ky = 0; ky < 3; ++ky) column[ky] = splat(w[ky * 3 + kx]);
+        }
+#pragma GCC unroll 8
+        for (int i = 0; i < R + 2; ++i) {
+          if (window.row[i] < 0) continue;
           const T* from = plane + window.row[i] + window.column[kx];
           read_after(from, sum[0][0][0]);
           vec<T> pixels[V];
 #pragma GCC unroll 8
           for (int v = 0; v < V; ++v) {
             const T* at = from + stride * (v == V - 1 ? last - x : v * L);
+            if (kx == 0 && v * L * sizeof(T) % 64 == 0)
+              __builtin_prefetch(from + stride * (v + 2 * V) * L);  // two blocks on
             const bool first = v == 0 && kx == 0, final = v == V - 1 && kx == 2;
             if (stride == 1 && (!edge || (!first && !final))) {
               pixels[v] = load(at);
@@ -337,7 +323,12 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
 #pragma GCC unroll 8
           for (int r = 0; r < R; ++r) {
             if (r > i || r + 2 < i) continue;
-            add_products<T>(sum[r], w, ((i - r) * 3 + kx) * CO, pixels);
+            if constexpr (CO == 1) {
+#pragma GCC unroll 8
+              for (int v = 0; v < V; ++v) add_product<T>(sum[r][0][v], column[i - r], pixels[v]);
+            } else {
+              add_products<T>(sum[r], w, ((i - r) * 3 + kx) * CO, pixels);
+            }
           }
         }
       }
@@ -422,9 +413,13 @@ void convolve_rows(const Geometry& g, const Source<T>& source, const Vector<T>& 
                    const T* positive, T* out, int threads) {
   const int64_t vectors = vectors_in<T>(g.out_width), groups = (g.out_height + max_rows - 1) / max_rows;
   const int64_t stride = source.padded ? 1 : g.stride;
+  // Planes that stay in a core's cache until the next one needs them go one by one, else rows through all planes.
+  constexpr int64_t cache = 512 << 10;
+  const bool by_row = g.kernel_depth * g.in_channels * g.in_height * source.pitch * int64_t{sizeof(T)} > cache;
   parallel_for(g.batch * g.out_depth * groups, threads, [&](int64_t unit) {
-    const int64_t begin = unit % groups * max_rows, end = std::min(begin + max_rows, g.out_height);
-    const int64_t z = unit / groups % g.out_depth, n = unit / groups / g.out_depth;
+    const int64_t row = by_row ? unit / g.out_depth % groups : unit % groups, n = unit / groups / g.out_depth;
+    const int64_t begin = row * max_rows, end = std::min(begin + max_rows, g.out_height);
+    const int64_t z = by_row ? unit % g.out_depth : unit / groups % g.out_depth;
     Window<T> window;
     window.channel = g.in_rows() * source.pitch, window.channels = g.in_channels;
     window.data = source.data + n * g.in_channels * window.channel;

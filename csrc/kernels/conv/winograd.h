@@ -177,7 +177,9 @@ ANYNET_INLINE void transform_strip(const T* const* rows, int64_t count, bool lef
     vec<T> d[Tiles::positions];
     load_tiles<T, over>(rows, x, left && v == 0, right && v == vectors - 1, d);
 #pragma GCC unroll 25
-    for (int r = 0; r < Tiles::rows; ++r) __builtin_prefetch(rows[r] + x + ahead);
+    for (int r = 0; r < Tiles::rows; ++r) {
+      if (v * Tiles::columns * sizeof(T) % 64 == 0) __builtin_prefetch(rows[r] + x + ahead);
+    }
 #pragma GCC unroll 5
     for (int i = 0; i < Tiles::outer_in; ++i) transform_input<T, Tiles::inner>(d + Tiles::inner_in * i, 1);
 #pragma GCC unroll 5
@@ -284,7 +286,9 @@ ANYNET_INLINE void prefetch_strip(T* out, const int64_t* at, int64_t count) {
 template <class T, Over over>
 struct StripScratch {
   static constexpr int positions = Tiling<T, over>::positions;
-  static constexpr int64_t pitch = (strip_vectors + 1) * lanes<T>;  // of a transformed row
+  // Rows of twice as many vectors as are multiplied at once: the two columns that what slides needs more cost half.
+  static constexpr int vectors = (over == Over::height ? 2 : 1) * strip_vectors;
+  static constexpr int64_t pitch = (vectors + 1) * lanes<T>;  // of a transformed row
 
   const int64_t position;  // from one to the next, of the rows
   const Scratch<T> rows, products, zeros;
@@ -315,7 +319,7 @@ struct StripTarget {
 /// The outputs of a strip. What slides are, per position, the `slides` transformed rows from `first` on, and as many of
 /// the weights (`kernel` per output channel) after those of `skipped` rows.
 template <class T, Over over>
-void convolve_strip(const StripScratch<T, over>& scratch, int64_t first, int64_t slides, const T* weights,
+void convolve_strip(const StripScratch<T, over>& scratch, const T* first, int64_t slides, const T* weights,
                     int64_t kernel, int64_t skipped, const StripTarget<T>& to) {
   constexpr int taps = Tiling<T, over>::taps, positions = Tiling<T, over>::positions;
   const int64_t O = to.channels, row = to.vectors * lanes<T>, step = O * row + lanes<T>;
@@ -325,9 +329,9 @@ void convolve_strip(const StripScratch<T, over>& scratch, int64_t first, int64_t
     }
     for (int64_t o = 0, size; o < O; o += size) {
       size = block_at(o, O, max_channels);
-      pick_multiply<T, taps>(size, to.vectors)(
-          scratch.rows + p * scratch.position + first * scratch.pitch, scratch.pitch, slides,
-          weights + (p * O + o) * kernel + skipped * taps * size, scratch.products + p * step + o * row);
+      pick_multiply<T, taps>(size, to.vectors)(first + p * scratch.position, scratch.pitch, slides,
+                                               weights + (p * O + o) * kernel + skipped * taps * size,
+                                               scratch.products + p * step + o * row);
     }
   }
   for (int64_t o = 0; o < O; ++o) {
@@ -382,7 +386,7 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
           at[k] = oz < g.out_depth && oy < g.out_height ? (oz * g.out_height + oy) * W + column : -1;
         }
         const int64_t image = n * O * plane;
-        convolve_strip<T, over>(scratch, 0, C, weights.data(), C * taps, 0,
+        convolve_strip<T, over>(scratch, scratch.rows, C, weights.data(), C * taps, 0,
                                 {O, plane, next - first, count, bias, relu,
                                  positive == nullptr ? nullptr : positive + image, out + image, at});
       }
@@ -400,14 +404,24 @@ void convolve_heights(const Geometry& g, const Source<T>& source, const Vector<T
   using Tiles = Tiling<T, over>;
   constexpr int L = lanes<T>, taps = Tiles::taps, tall = Tiles::inner;
   const int64_t W = g.out_width, C = g.in_channels, O = g.out_channels, vectors = Tiles::vectors(W);
-  const int64_t strips = (vectors + strip_vectors - 1) / strip_vectors;
+  constexpr int wide = StripScratch<T, over>::vectors;
+  const int64_t strips = (vectors + wide - 1) / wide;
   const int64_t tiles_y = (g.out_height + tall - 1) / tall, tiles_z = (g.out_depth + slid_planes - 1) / slid_planes;
-  const int64_t channel = g.in_rows() * source.pitch, plane = g.out_rows() * W;
+  const int64_t in_plane = g.in_height * source.pitch, channel = g.in_depth * in_plane, plane = g.out_rows() * W;
   parallel_ranges(g.batch * tiles_z * tiles_y, threads, [&](int64_t begin, int64_t end) {
     const StripScratch<T, over> scratch(std::min(slid_planes + 2, g.in_depth) * C, O, W);
     for (int64_t unit = begin; unit < end; ++unit) {
       const int64_t y = unit % tiles_y * tall, z = unit / tiles_y % tiles_z * slid_planes, n = unit / tiles_y / tiles_z;
       const int64_t begin_z = std::max<int64_t>(0, z - 1), end_z = std::min(g.in_depth, z + slid_planes + 1);
+      const T* rows[Tiles::rows];  // of the first plane and channel, from column -1 on
+      int64_t to_plane[Tiles::rows], to_channel[Tiles::rows];
+      for (int r = 0; r < Tiles::rows; ++r) {
+        const int64_t iy = y + r - 1;
+        const bool inside = iy >= 0 && iy < g.in_height;
+        rows[r] = inside ? source.data + n * C * channel + begin_z * in_plane + iy * source.pitch + source.column[0]
+                         : scratch.zeros;
+        to_plane[r] = inside ? in_plane : 0, to_channel[r] = inside ? channel : 0;
+      }
       for (int64_t strip = 0; strip < strips; ++strip) {
         const int64_t first = vectors * strip / strips, next = vectors * (strip + 1) / strips, x = first * L;
         const int64_t count = std::min(next * L, W) - x;
@@ -415,26 +429,28 @@ void convolve_heights(const Geometry& g, const Source<T>& source, const Vector<T
         const int64_t ahead = x + count < W ? count : tall * source.pitch - x;
         T* to = scratch.rows;
         for (int64_t iz = begin_z; iz < end_z; ++iz) {
+          const T* from[Tiles::rows];
+          for (int r = 0; r < Tiles::rows; ++r) from[r] = rows[r] + (iz - begin_z) * to_plane[r] + x;
           for (int64_t c = 0; c < C; ++c, to += scratch.pitch) {
-            const T* rows[Tiles::rows];
-            for (int64_t r = 0; r < Tiles::rows; ++r) {
-              const int64_t iy = y + r - 1;
-              rows[r] = iy < 0 || iy >= g.in_height ? scratch.zeros + x
-                                                    : source.data + (n * C + c) * channel + source.column[0] + x +
-                                                          (iz * g.in_height + iy) * source.pitch;
-            }
-            transform_strip<T, over>(rows, count + taps - 1, left, right, ahead, to, scratch.position);
+            transform_strip<T, over>(from, count + taps - 1, left, right, ahead, to, scratch.position);
+            for (int r = 0; r < Tiles::rows; ++r) from[r] += to_channel[r];
           }
         }
+        const int64_t parts = (next - first + strip_vectors - 1) / strip_vectors, image = n * O * plane;
         for (int64_t oz = z; oz < std::min(z + slid_planes, g.out_depth); ++oz) {
           const int64_t from_z = std::max(begin_z, oz - 1), to_z = std::min(end_z, oz + 2);
-          int64_t at[tall];
-          for (int64_t r = 0; r < tall; ++r) at[r] = y + r < g.out_height ? (oz * g.out_height + y + r) * W + x : -1;
-          const int64_t image = n * O * plane;
-          convolve_strip<T, over>(scratch, (from_z - begin_z) * C, (to_z - from_z) * C, weights.data(), 3 * C * taps,
-                                  (from_z - oz + 1) * C,
-                                  {O, plane, next - first, count, bias, relu,
-                                   positive == nullptr ? nullptr : positive + image, out + image, at});
+          for (int64_t part = 0; part < parts; ++part) {
+            const int64_t from_v = (next - first) * part / parts, to_v = (next - first) * (part + 1) / parts;
+            const int64_t column = from_v * L;
+            int64_t at[tall];
+            for (int64_t r = 0; r < tall; ++r) {
+              at[r] = y + r < g.out_height ? (oz * g.out_height + y + r) * W + x + column : -1;
+            }
+            convolve_strip<T, over>(scratch, scratch.rows + (from_z - begin_z) * C * scratch.pitch + column,
+                                    (to_z - from_z) * C, weights.data(), 3 * C * taps, (from_z - oz + 1) * C,
+                                    {O, plane, to_v - from_v, std::min(to_v * L, count) - column, bias, relu,
+                                     positive == nullptr ? nullptr : positive + image, out + image, at});
+          }
         }
       }
     }

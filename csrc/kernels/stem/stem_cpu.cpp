@@ -35,8 +35,7 @@ class Strip {
       : a_(a),
         image_(a.image[image]),
         quarter_(a.width / 4),
-        pitch_((quarter_ + 3 * lanes<T> - 1) / lanes<T> * lanes<T>),
-        bytes_(pitch_ * 12),
+        pitch_((quarter_ + 4 * lanes<T> - 1) / lanes<T> * lanes<T>),
         inputs_(12, row()),
         first_(5 * a.channels, row()),
         planes_(a.input_scale == 2 ? 3 * 6 * pitch_ : 0),
@@ -86,11 +85,11 @@ class Strip {
   }
 
   void read_plain(int64_t r) {
-    std::memcpy(bytes_, image_ + std::min(r, a_.image_height - 1) * a_.image_width * 3, a_.image_width * 3);
-    for (int64_t i = a_.image_width * 3; i < a_.width * 3; ++i) bytes_[i] = bytes_[i - 3];
+    const uint8_t* row = image_ + std::min(r, a_.image_height - 1) * a_.image_width * 3;
     for (int64_t j = 0; j < quarter_; j += lanes<T>) {
+      const uint8_t* bytes = read_bytes(row, j);
       bits words[3];  // of four pixels: three words
-      std::memcpy(words, bytes_ + 12 * j, sizeof(words));
+      for (int i = 0; i < 3; ++i) std::memcpy(words + i, bytes + i * vector_bytes, vector_bytes);
       for (int word = 0; word < 3; ++word) {
         const bits packed = deinterleave_by_3(words, word, std::make_integer_sequence<int, lanes<T>>{});
         for (int byte = 0; byte < 4; ++byte) {
@@ -100,6 +99,16 @@ class Strip {
         }
       }
     }
+  }
+
+  /// A vector's bytes from column 4 j on. Beyond the row, its last pixel.
+  const uint8_t* read_bytes(const uint8_t* row, int64_t j) {
+    constexpr int64_t size = 12 * lanes<T>;
+    const int64_t begin = 12 * j, end = 3 * a_.image_width, inside = std::clamp<int64_t>(end - begin, 0, size);
+    if (inside == size) return row + begin;
+    std::memcpy(bytes_, row + begin, inside);
+    for (int64_t i = inside; i < size; ++i) bytes_[i] = row[end - 3 + i % 3];
+    return bytes_;
   }
 
   /// Between two rows of the image: 3/4 of the nearer, 1/4 of the farther.
@@ -151,35 +160,42 @@ class Strip {
       for (; o < a_.channels; ++o) fill_zero(first(r, o, 0) - lanes<T>, row());
       return;
     }
-    for (; o + 2 <= a_.channels; o += 2) convolve_first<2>(r, o);
-    if (o < a_.channels) convolve_first<1>(r, o);
+    for (; o + 2 <= a_.channels; o += 2) convolve_first<2, 1>(r, o);
+    if (o < a_.channels) convolve_first<1, 2>(r, o);
   }
 
-  /// Of channels [o, o + N).
-  template <int N>
+  /// Of channels [o, o + N), V vectors at a time: N * V * 4 sums hide how long a multiply-add takes.
+  template <int N, int V>
   void convolve_first(int64_t r, int64_t o) {
+    constexpr int L = lanes<T>;
     const T* in[9];
     for (int i = 0; i < 9; ++i) in[i] = input(r + i % 3 - 1, i / 3, 0);
     const T* weight = a_.weight_first + o * 27;
-    for (int64_t j = 0; j < quarter_; j += lanes<T>) {
-      vec<T> sum[N][4];
+    for (int64_t j = 0; j < quarter_; j += V * L) {
+      vec<T> sum[N][V][4];
       for (int n = 0; n < N; ++n) {
-        for (auto& s : sum[n]) s = splat(a_.bias_first[o + n]);
+        for (auto& phases : sum[n]) {
+          for (auto& s : phases) s = splat(a_.bias_first[o + n]);
+        }
       }
       for (int i = 0; i < 9; ++i) {
-        const T* p = in[i] + j;
-        const vec<T> x[6] = {load(p + 3 * pitch_ - 1), load(p),    load(p + pitch_), load(p + 2 * pitch_),
-                             load(p + 3 * pitch_),     load(p + 1)};
-        for (int k = 0; k < 3; ++k) {
-          for (int n = 0; n < N; ++n) {
-            const vec<T> w = splat(weight[27 * n + 3 * i + k]);
-            for (int phase = 0; phase < 4; ++phase) sum[n][phase] += w * x[phase + k];
+        for (int v = 0; v < V; ++v) {
+          const T* p = in[i] + j + v * L;
+          const vec<T> x[6] = {load(p + 3 * pitch_ - 1), load(p),    load(p + pitch_), load(p + 2 * pitch_),
+                               load(p + 3 * pitch_),     load(p + 1)};
+          for (int k = 0; k < 3; ++k) {
+            for (int n = 0; n < N; ++n) {
+              const vec<T> w = splat(weight[27 * n + 3 * i + k]);
+              for (int phase = 0; phase < 4; ++phase) add_product<T>(sum[n][v][phase], w, x[phase + k]);
+            }
           }
         }
       }
       for (int n = 0; n < N; ++n) {
-        T* out = first(r, o + n, 0) + j;
-        for (int phase = 0; phase < 4; ++phase) store(out + phase * pitch_, max<T>(sum[n][phase], vec<T>{}));
+        for (int v = 0; v < V; ++v) {
+          T* out = first(r, o + n, 0) + j + v * L;
+          for (int phase = 0; phase < 4; ++phase) store(out + phase * pitch_, max<T>(sum[n][v][phase], vec<T>{}));
+        }
       }
     }
   }
@@ -200,8 +216,8 @@ class Strip {
               const T* weight = a_.weight_second + ((o + n) * a_.channels + c) * 9 + 3 * ky;
               for (int k = 0; k < 3; ++k) {
                 const vec<T> w = splat(weight[k]);
-                left[n] += w * x[k];
-                right[n] += w * x[k + 2];
+                add_product<T>(left[n], w, x[k]);
+                add_product<T>(right[n], w, x[k + 2]);
               }
             }
           }
@@ -221,7 +237,7 @@ class Strip {
   const Stem<T>& a_;
   const uint8_t* image_;
   const int64_t quarter_, pitch_;
-  Scratch<uint8_t> bytes_;
+  uint8_t bytes_[12 * lanes<T>];
   Scratch<T> inputs_, first_;
   Scratch<T> planes_;  // of the last three rows of the image that were deinterleaved
   int64_t held_[3] = {-1, -1, -1};
