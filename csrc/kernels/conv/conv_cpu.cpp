@@ -266,7 +266,7 @@ void conv(const Conv<T>& a, int available) {
   const int threads = g.threads(available);
   const int64_t size = g.in_channels * g.taps() * 3, depth = g.taps() * 3;
   const auto weight = [&](int64_t o, int64_t c, int64_t t) { return a.weight[o * size + c * depth + t]; };
-  const bool direct = a.scale == nullptr && !a.relu_in && g.out_width >= lanes<T>;
+  const bool direct = a.scale == nullptr && !a.relu_in && g.stride == 1 && g.out_width >= lanes<T>;
   by_images(g.batch, direct ? 0 : g.in_size() * int64_t{sizeof(T)}, [&](int64_t n, int64_t images) {
     const T* input = a.input + n * g.in_size();
     const Source<T> source = direct ? Source<T>(input, g.in_width)

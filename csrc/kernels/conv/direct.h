@@ -253,24 +253,15 @@ template <class T>
 struct Target {
   T* out;                // the first row of the block's first channel
   int64_t plane, width;  // from a channel to the next; of the image
-  int64_t in_width;
-  const T* bias;  // or nullptr
+  const T* bias;         // or nullptr
   bool relu;
   const T* positive;  // of out's layout, or nullptr: results where this is not positive become 0
 };
 
-/// The pixels `stride` apart from `p` on. Those outside `first` (of the elements of p's vector) and, with stride 2,
-/// `second` (of the next one) are 0, and their memory is not touched.
-template <int stride, class T>
-ANYNET_INLINE vec<T> load_pixels(const T* p, LaneRange<T> first, LaneRange<T> second) {
-  if constexpr (stride == 1) return load(p, first);
-  return deinterleave<T, 0>(load(p, first), load(p + lanes<T>, second), lane_sequence<T>{});
-}
-
 /// CO output channels x R rows x V vectors at columns x, x + lanes, ..., `last`. edge: columns -1 or W of the window's
 /// rows, which do not exist, may be among the taps.
 /// weight: [channel][kz][ky][kx][CO]
-template <class T, int CO, int R, int V, int stride, bool edge>
+template <class T, int CO, int R, int V, bool edge>
 void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, const Target<T>& target) {
   constexpr int L = lanes<T>;
   vec<T> sum[R][CO][V];
@@ -282,14 +273,12 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
       for (int v = 0; v < V; ++v) sum[r][o][v] = splat(target.bias == nullptr ? T(0) : target.bias[o]);
     }
   }
-  // Elements that a vector load may read: all, and for stride 2 all but the last of the second vector, which no tap
-  // needs; at the ends of a row one less.
-  const bool left = edge && x == 0, right = edge && stride * (last + L) > target.in_width - (stride == 1);
-  const LaneRange<T> all(0, L), left_lanes(left ? 1 : 0, L), second(0, L - 1);
-  const LaneRange<T> right_lanes(0, stride == 1 && right ? L - 1 : L), right_second(0, right ? L - 2 : L - 1);
+  // Elements that a vector load may read: at the ends of a row one less than all.
+  const LaneRange<T> after_left(edge && x == 0 ? 1 : 0, L),
+      before_right(0, edge && last + L >= target.width ? L - 1 : L);
   for (int64_t c = 0; c < window.channels; ++c) {
     for (int64_t k = 0; k < window.planes; ++k) {
-      const T* plane = window.data + c * window.channel + window.plane[k] + stride * x;
+      const T* plane = window.data + c * window.channel + window.plane[k] + x;
       const T* w = weight + (c * window.kernel + window.kz[k] * 9) * CO;
 #pragma GCC unroll 3
       for (int kx = 0; kx < 3; ++kx) {
@@ -306,18 +295,14 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
           vec<T> pixels[V];
 #pragma GCC unroll 8
           for (int v = 0; v < V; ++v) {
-            const T* at = from + stride * (v == V - 1 ? last - x : v * L);
-            if (kx == 0 && v * L * sizeof(T) % 64 == 0)
-              __builtin_prefetch(from + stride * (v + 2 * V) * L);  // two blocks on
-            const bool first = v == 0 && kx == 0, final = v == V - 1 && kx == 2;
-            if (stride == 1 && (!edge || (!first && !final))) {
-              pixels[v] = load(at);
+            if (kx == 0 && v * L * sizeof(T) % 64 == 0) __builtin_prefetch(from + (v + 2 * V) * L);  // two blocks on
+            const T* at = from + (v == V - 1 ? last - x : v * L);
+            if (edge && v == 0 && kx == 0) {
+              pixels[v] = load(at, after_left);
+            } else if (edge && v == V - 1 && kx == 2) {
+              pixels[v] = load(at, before_right);
             } else {
-              pixels[v] = load_pixels<stride>(at,
-                                              first   ? left_lanes
-                                              : final ? right_lanes
-                                                      : all,
-                                              final ? right_second : second);
+              pixels[v] = load(at);
             }
           }
 #pragma GCC unroll 8
@@ -361,29 +346,26 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
 template <class T>
 using Block = void (*)(const Window<T>&, int64_t, int64_t, const T*, const Target<T>&);
 
-template <class T, int CO, int R, int stride, int... V>
+template <class T, int CO, int R, int... V>
 Block<T> pick(int64_t vectors, bool edge, std::integer_sequence<int, V...>) {
-  static constexpr Block<T> at_edge[] = {block<T, CO, R, V + 1, stride, true>...};
-  // With stride 2, all blocks load through masks.
-  static constexpr Block<T> inside[] = {block<T, CO, R, V + 1, stride, stride == 2>...};
+  static constexpr Block<T> at_edge[] = {block<T, CO, R, V + 1, true>...};
+  static constexpr Block<T> inside[] = {block<T, CO, R, V + 1, false>...};
   return (edge ? at_edge : inside)[vectors - 1];
 }
 template <class T, int CO>
-Block<T> pick(int64_t rows, int64_t vectors, int64_t stride, bool edge) {
+Block<T> pick(int64_t rows, int64_t vectors, bool edge) {
   constexpr int R = rows_beside(CO);
-  constexpr auto flat = std::make_integer_sequence<int, vectors_beside(CO, 1)>{};
-  if (stride == 2) return pick<T, CO, 1, 2>(vectors, edge, flat);
-  if (rows == 1) return pick<T, CO, 1, 1>(vectors, edge, flat);
-  return pick<T, CO, R, 1>(vectors, edge, std::make_integer_sequence<int, vectors_beside(CO, R)>{});
+  if (rows == 1) return pick<T, CO, 1>(vectors, edge, std::make_integer_sequence<int, vectors_beside(CO, 1)>{});
+  return pick<T, CO, R>(vectors, edge, std::make_integer_sequence<int, vectors_beside(CO, R)>{});
 }
 template <class T>
-Block<T> pick(int64_t channels, int64_t rows, int64_t vectors, int64_t stride, bool edge) {
+Block<T> pick(int64_t channels, int64_t rows, int64_t vectors, bool edge) {
   if constexpr (max_channels >= 8) {
-    if (channels == 8) return pick<T, 8>(rows, vectors, stride, edge);
+    if (channels == 8) return pick<T, 8>(rows, vectors, edge);
   }
-  return channels == 1   ? pick<T, 1>(rows, vectors, stride, edge)
-         : channels == 2 ? pick<T, 2>(rows, vectors, stride, edge)
-                         : pick<T, 4>(rows, vectors, stride, edge);
+  return channels == 1   ? pick<T, 1>(rows, vectors, edge)
+         : channels == 2 ? pick<T, 2>(rows, vectors, edge)
+                         : pick<T, 4>(rows, vectors, edge);
 }
 
 /// How many of the channels from `o` on make the next block: 8 (if `largest` allows), 4, 2 or 1.
@@ -412,7 +394,6 @@ template <class T>
 void convolve_rows(const Geometry& g, const Source<T>& source, const Vector<T>& weights, const T* bias, bool relu,
                    const T* positive, T* out, int threads) {
   const int64_t vectors = vectors_in<T>(g.out_width), groups = (g.out_height + max_rows - 1) / max_rows;
-  const int64_t stride = source.padded ? 1 : g.stride;
   // Planes that stay in a core's cache until the next one needs them go one by one, else rows through all planes.
   constexpr int64_t cache = 512 << 10;
   const bool by_row = g.kernel_depth * g.in_channels * g.in_height * source.pitch * int64_t{sizeof(T)} > cache;
@@ -431,7 +412,7 @@ void convolve_rows(const Geometry& g, const Source<T>& source, const Vector<T>& 
       window.plane[window.planes] = plane * g.in_height * source.pitch;
       window.kz[window.planes++] = kz;
     }
-    Target<T> target{nullptr, g.out_rows() * g.out_width, g.out_width, g.in_width, nullptr, relu, nullptr};
+    Target<T> target{nullptr, g.out_rows() * g.out_width, g.out_width, nullptr, relu, nullptr};
     for (int64_t o = 0, size; o < g.out_channels; o += size) {
       size = block_at(o, g.out_channels, max_channels);
       target.bias = bias == nullptr ? nullptr : bias + o;
@@ -452,8 +433,8 @@ void convolve_rows(const Geometry& g, const Source<T>& source, const Vector<T>& 
           const int64_t first = vectors * run / runs, next = vectors * (run + 1) / runs;
           const int64_t x = vector_start<T>(first, g.out_width), last = vector_start<T>(next - 1, g.out_width);
           const bool edge = !source.padded && (run == 0 || run == runs - 1);
-          pick<T>(size, rows, next - first, stride, edge)(window, x, last,
-                                                          weights.data() + o * g.in_channels * window.kernel, target);
+          pick<T>(size, rows, next - first, edge)(window, x, last, weights.data() + o * g.in_channels * window.kernel,
+                                                  target);
         }
       }
     }

@@ -131,10 +131,20 @@ Vector<T> pack_transformed(const Geometry& g, const Weight& weight) {
   return packed;
 }
 
-/// Interleaves the first or the second halves of two vectors.
-template <class T, int half, int... I>
-ANYNET_INLINE vec<T> interleave(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
-  return shuffle<(half * lanes<T> / 2 + I / 2 + I % 2 * lanes<T>)...>(a, b);
+/// Pairs of neighboring columns, one tile each, apart and together again. In between, the tiles of a vector are in an
+/// order in which its parts of 16 bytes get them from themselves: shuffles across those take several times as long.
+template <class T>
+constexpr int part = 16 / sizeof(T);
+template <class T, int parity, int... I>
+ANYNET_INLINE vec<T> split_pairs(vec<T> a, vec<T> b, std::integer_sequence<int, I...>) {
+  constexpr int half = part<T> / 2;
+  return shuffle<(I / part<T> * part<T> + I % half * 2 + parity + I / half % 2 * lanes<T>)...>(a, b);
+}
+/// The first or the second half of the columns.
+template <class T, int second, int... I>
+ANYNET_INLINE vec<T> join_pairs(vec<T> even, vec<T> odd, std::integer_sequence<int, I...>) {
+  constexpr int half = part<T> / 2;
+  return shuffle<(I / part<T> * part<T> + I % part<T> / 2 + second * half + I % 2 * lanes<T>)...>(even, odd);
 }
 
 /// The pixels of a vector of tiles, `x` columns to the right of `rows`. left, right: the first column, or the
@@ -143,17 +153,23 @@ template <class T, Over over>
 ANYNET_INLINE void load_tiles(const T* const* rows, int64_t x, bool left, bool right, vec<T>* d) {
   constexpr int L = lanes<T>;
   if constexpr (Tiling<T, over>::flat) {
-    const LaneRange<T> first(left ? 1 : 0, L), last(0, right ? L - 1 : L);
+    const auto load_rows = [&](auto first, auto last) __attribute__((always_inline)) {
 #pragma GCC unroll 5
-    for (int y = 0; y < Tiling<T, over>::outer_in; ++y) {
-      const T* row = rows[y] + x;
-      const vec<T> before[2] = {load(row, first), load(row + L)};
-      const vec<T> after[2] = {load(row + 2), load(row + 2 + L, last)};
-      vec<T>* to = d + Tiling<T, over>::inner_in * y;
-      to[0] = deinterleave<T, 0>(before[0], before[1], lane_sequence<T>{});
-      to[1] = deinterleave<T, 1>(before[0], before[1], lane_sequence<T>{});
-      to[2] = deinterleave<T, 0>(after[0], after[1], lane_sequence<T>{});
-      to[3] = deinterleave<T, 1>(after[0], after[1], lane_sequence<T>{});
+      for (int y = 0; y < Tiling<T, over>::outer_in; ++y) {
+        const T* row = rows[y] + x;
+        const vec<T> before[2] = {load(row, first), load(row + L)};
+        const vec<T> after[2] = {load(row + 2), load(row + 2 + L, last)};
+        vec<T>* to = d + Tiling<T, over>::inner_in * y;
+        to[0] = split_pairs<T, 0>(before[0], before[1], lane_sequence<T>{});
+        to[1] = split_pairs<T, 1>(before[0], before[1], lane_sequence<T>{});
+        to[2] = split_pairs<T, 0>(after[0], after[1], lane_sequence<T>{});
+        to[3] = split_pairs<T, 1>(after[0], after[1], lane_sequence<T>{});
+      }
+    };
+    if (left || right) {
+      load_rows(LaneRange<T>(left ? 1 : 0, L), LaneRange<T>(0, right ? L - 1 : L));
+    } else {
+      load_rows(AllLanes{}, AllLanes{});
     }
   } else if (!left && !right) {
 #pragma GCC unroll 25
@@ -256,8 +272,8 @@ ANYNET_INLINE void finish_strip(const T* products, int64_t step, int64_t count, 
 #pragma GCC unroll 3
       for (int y = 0; y < Tiles::outer; ++y) {
         const vec<T> even = m[Tiles::inner_in * y], odd = m[Tiles::inner_in * y + 1];
-        m[Tiles::inner_in * y] = interleave<T, 0>(even, odd, lane_sequence<T>{});
-        m[Tiles::inner_in * y + 1] = interleave<T, 1>(even, odd, lane_sequence<T>{});
+        m[Tiles::inner_in * y] = join_pairs<T, 0>(even, odd, lane_sequence<T>{});
+        m[Tiles::inner_in * y + 1] = join_pairs<T, 1>(even, odd, lane_sequence<T>{});
       }
     }
 #pragma GCC unroll 9
