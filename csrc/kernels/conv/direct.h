@@ -377,13 +377,13 @@ int64_t block_at(int64_t o, int64_t channels, int64_t largest) {
 /// [block of output channels][in_channels][tap][kx][channel of the block], each read from weight(o, c, tap and kx)
 template <class T, class Weight>
 Vector<T> pack(const Geometry& g, const Weight& weight) {
-  Vector<T> packed;
-  packed.reserve(g.out_channels * g.in_channels * g.taps() * 3);
+  Vector<T> packed(g.out_channels * g.in_channels * g.taps() * 3);
+  T* to = packed.data();
   for (int64_t o = 0, size; o < g.out_channels; o += size) {
     size = block_at(o, g.out_channels, max_channels);
     for (int64_t c = 0; c < g.in_channels; ++c) {
       for (int64_t t = 0; t < g.taps() * 3; ++t) {
-        for (int64_t i = 0; i < size; ++i) packed.push_back(weight(o + i, c, t));
+        for (int64_t i = 0; i < size; ++i) *to++ = weight(o + i, c, t);
       }
     }
   }

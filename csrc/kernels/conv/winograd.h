@@ -65,20 +65,34 @@ ANYNET_INLINE void transform_input(vec<T>* d, int step) {
   }
 }
 
+/// One weight of each output channel of a block.
+template <class T>
+struct BlockOf;
+template <>
+struct BlockOf<float> {
+  typedef float weights __attribute__((vector_size(max_channels * sizeof(float))));
+};
+template <>
+struct BlockOf<double> {
+  typedef double weights __attribute__((vector_size(max_channels * sizeof(double))));
+};
+template <class T>
+using Weights = typename BlockOf<T>::weights;
+
 /// Three weights `step` apart to `outputs` + 2, `to_step` apart.
 template <class T, int outputs>
-void transform_weights(const T* g, int step, T* to, int to_step) {
-  const T outer = g[0] + g[2 * step];
+ANYNET_INLINE void transform_weights(const Weights<T>* g, int step, Weights<T>* to, int to_step) {
+  const Weights<T> outer = g[0] + g[2 * step];
   if constexpr (outputs == 2) {
     to[0] = g[0];
-    to[to_step] = (outer + g[step]) / 2;
-    to[2 * to_step] = (outer - g[step]) / 2;
+    to[to_step] = (outer + g[step]) / T(2);
+    to[2 * to_step] = (outer - g[step]) / T(2);
     to[3 * to_step] = g[2 * step];
   } else {
-    to[0] = 2 * g[0];
+    to[0] = T(2) * g[0];
     to[to_step] = outer + g[step];
-    to[2 * to_step] = (g[step] - outer) / 3;
-    to[3 * to_step] = -(4 * g[0] + 2 * g[step] + g[2 * step]) * 2 / 3;
+    to[2 * to_step] = (g[step] - outer) / T(3);
+    to[3 * to_step] = -(T(4) * g[0] + T(2) * g[step] + g[2 * step]) * T(2) / T(3);
     to[4 * to_step] = g[2 * step];
   }
 }
@@ -96,6 +110,10 @@ ANYNET_INLINE void transform_output(vec<T>* m, int step) {
   }
 }
 
+/// From the weights of a position to those of the next one, for `kernel` weights per output channel. A power of two
+/// would put all of them into the same few cache lines.
+int64_t weights_of_position(int64_t out_channels, int64_t kernel) { return out_channels * kernel + 16; }
+
 /// [position][block of output channels][depth][in_channels][kx][channel of the block], from weight(o, c, tap and kx);
 /// depth and kx are those over which the kernel slides.
 template <class T, Over over, class Weight>
@@ -103,29 +121,37 @@ Vector<T> pack_transformed(const Geometry& g, const Weight& weight) {
   using Tiles = Tiling<T, over>;
   constexpr int taps = Tiles::taps, inner_in = Tiles::inner_in, outer_taps = Tiles::outer == 1 ? 1 : 3;
   const int64_t depth = over == Over::height ? 3 : 1, tap = 3 * outer_taps * taps;
-  const int64_t size_of_channel = depth * g.in_channels * taps, position = g.out_channels * size_of_channel;
+  const int64_t size_of_channel = depth * g.in_channels * taps;
+  const int64_t position = weights_of_position(g.out_channels, size_of_channel);
   Vector<T> packed(Tiles::positions * position);
-  for (int64_t o = 0, size; o < g.out_channels; o += size) {
-    size = block_at(o, g.out_channels, max_channels);
+  const auto pack_block = [&](int64_t o, auto size) {
     for (int64_t slide = 0; slide < size_of_channel; ++slide) {
       const int64_t k = slide % taps, c = slide / taps % g.in_channels, z = slide / taps / g.in_channels;
-      for (int64_t i = 0; i < size; ++i) {
-        T rows[3 * inner_in], all[Tiles::positions];  // transformed over the inner dimension, then over both
-        for (int row = 0; row < outer_taps; ++row) {
-          T inner[3];
-          for (int t = 0; t < 3; ++t) inner[t] = weight(o + i, c, z * tap + (row * 3 + t) * taps + k);
-          transform_weights<T, Tiles::inner>(inner, 1, rows + inner_in * row, 1);
+      Weights<T> rows[3 * inner_in], all[Tiles::positions];  // transformed over the inner dimension, then over both
+      for (int row = 0; row < outer_taps; ++row) {
+        Weights<T> inner[3] = {};
+        for (int t = 0; t < 3; ++t) {
+          for (int64_t i = 0; i < size; ++i) inner[t][i] = weight(o + i, c, z * tap + (row * 3 + t) * taps + k);
         }
-        for (int t = 0; t < inner_in; ++t) {
-          if constexpr (Tiles::outer == 1) {
-            all[t] = rows[t];
-          } else {
-            transform_weights<T, Tiles::outer>(rows + t, inner_in, all + t, inner_in);
-          }
-        }
-        T* to = packed.data() + o * size_of_channel + slide * size + i;
-        for (int p = 0; p < Tiles::positions; ++p) to[p * position] = all[p];
+        transform_weights<T, Tiles::inner>(inner, 1, rows + inner_in * row, 1);
       }
+      for (int t = 0; t < inner_in; ++t) {
+        if constexpr (Tiles::outer == 1) {
+          all[t] = rows[t];
+        } else {
+          transform_weights<T, Tiles::outer>(rows + t, inner_in, all + t, inner_in);
+        }
+      }
+      T* to = packed.data() + o * size_of_channel + slide * size;
+      for (int p = 0; p < Tiles::positions; ++p) std::memcpy(to + p * position, all + p, size * sizeof(T));
+    }
+  };
+  for (int64_t o = 0, size; o < g.out_channels; o += size) {
+    size = block_at(o, g.out_channels, max_channels);
+    if (size == max_channels) {
+      pack_block(o, std::integral_constant<int64_t, max_channels>{});
+    } else {
+      pack_block(o, size);
     }
   }
   return packed;
@@ -345,9 +371,10 @@ void convolve_strip(const StripScratch<T, over>& scratch, const T* first, int64_
     }
     for (int64_t o = 0, size; o < O; o += size) {
       size = block_at(o, O, max_channels);
-      pick_multiply<T, taps>(size, to.vectors)(first + p * scratch.position, scratch.pitch, slides,
-                                               weights + (p * O + o) * kernel + skipped * taps * size,
-                                               scratch.products + p * step + o * row);
+      pick_multiply<T, taps>(size, to.vectors)(
+          first + p * scratch.position, scratch.pitch, slides,
+          weights + p * weights_of_position(O, kernel) + o * kernel + skipped * taps * size,
+          scratch.products + p * step + o * row);
     }
   }
   for (int64_t o = 0; o < O; ++o) {
