@@ -130,7 +130,8 @@ def check_images(left: Image, right: Image, device: torch.device | None = None) 
     """
     for name, image in (("left", left), ("right", right)):
         known = isinstance(image, (np.ndarray, Tensor))
-        if not known or str(image.dtype) not in ("uint8", "torch.uint8") or image.ndim != 3 or image.shape[2] != 3:
+        uint8 = np.uint8 if isinstance(image, np.ndarray) else torch.uint8
+        if not known or image.dtype != uint8 or image.ndim != 3 or image.shape[2] != 3:
             what = f"{image.dtype} {list(image.shape)}" if known else type(image).__name__
             raise AnyNetError(f"expected {name} as uint8 RGB array [H, W, 3], got {what}")
         if isinstance(image, Tensor) and device is not None and image.device != device:

@@ -41,7 +41,7 @@ struct Tiling {
   /// the channels, the cost of the transforms with their sum.
   static bool pays(const Geometry& g) {
     const int64_t C = g.in_channels, O = g.out_channels;
-    const bool many = flat                   ? C * O > (registers == 16 ? 4 : 6) * (C + O)
+    const bool many = flat                   ? C * O >= (registers == 16 ? 4 : 6) * (C + O)
                       : over == Over::height ? registers == 16 && C >= 2 && O >= 4
                                              : std::min(C, O) >= 8;
     return std::is_same_v<T, float> && g.kernel_depth == (flat ? 1 : 3) && g.stride == 1 && g.dilation == 1 && many &&
