@@ -8,6 +8,7 @@
 #pragma once
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "../common/parallel.h"
@@ -319,24 +320,27 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
       }
     }
   }
+  // Read once: for all that the compiler knows, the stores below change `target`.
+  const auto [out, plane, width, bias, relu, positive] = target;
+  const vec<T> lowest = splat(relu ? T(0) : -std::numeric_limits<T>::infinity());
+  const int64_t size = V == 1 ? std::min<int64_t>(width, L) : L;
 #pragma GCC unroll 8
   for (int r = 0; r < R; ++r) {
 #pragma GCC unroll 8
     for (int o = 0; o < CO; ++o) {
 #pragma GCC unroll 8
       for (int v = 0; v < V; ++v) {
-        vec<T> value = target.relu ? (sum[r][o][v] < vec<T>{} ? vec<T>{} : sum[r][o][v]) : sum[r][o][v];
-        const int64_t at = o * target.plane + r * target.width + (v == V - 1 ? last : x + v * L);
-        const int64_t size = V == 1 ? std::min<int64_t>(target.width, L) : L;
-        if (target.positive != nullptr) {
-          vec<T> positive{};
-          std::memcpy(&positive, target.positive + at, size * sizeof(T));
-          value = positive > vec<T>{} ? value : vec<T>{};
+        vec<T> value = sum[r][o][v] < lowest ? lowest : sum[r][o][v];  // keeps NaN
+        const int64_t at = o * plane + r * width + (v == V - 1 ? last : x + v * L);
+        if (positive != nullptr) {
+          vec<T> before{};
+          std::memcpy(&before, positive + at, size * sizeof(T));
+          value = before > vec<T>{} ? value : vec<T>{};
         }
         if (size < L) {
-          std::memcpy(target.out + at, &value, size * sizeof(T));
+          std::memcpy(out + at, &value, size * sizeof(T));
         } else {
-          store(target.out + at, value);
+          store(out + at, value);
         }
       }
     }
