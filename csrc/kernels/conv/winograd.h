@@ -129,10 +129,12 @@ Vector<T> pack_transformed(const Geometry& g, const Weight& weight) {
       const int64_t k = slide % taps, c = slide / taps % g.in_channels, z = slide / taps / g.in_channels;
       Weights<T> rows[3 * inner_in], all[Tiles::positions];  // transformed over the inner dimension, then over both
       for (int row = 0; row < outer_taps; ++row) {
-        Weights<T> inner[3] = {};
+        T given[3][max_channels] = {};
         for (int t = 0; t < 3; ++t) {
-          for (int64_t i = 0; i < size; ++i) inner[t][i] = weight(o + i, c, z * tap + (row * 3 + t) * taps + k);
+          for (int64_t i = 0; i < size; ++i) given[t][i] = weight(o + i, c, z * tap + (row * 3 + t) * taps + k);
         }
+        Weights<T> inner[3];
+        std::memcpy(inner, given, sizeof(inner));
         transform_weights<T, Tiles::inner>(inner, 1, rows + inner_in * row, 1);
       }
       for (int t = 0; t < inner_in; ++t) {
