@@ -18,7 +18,7 @@ from collections.abc import Iterator
 MANY = 24
 FEWEST = 20  # such blocks of a build
 PORTS = 2
-FUNCTION = re.compile(r"multiply<float, \d, [48], \d>|block<float, [48], \d, \d, 1, \w+>")  # those of stride 1
+FUNCTION = re.compile(r"multiply<float, \d, [48], \d>|block<float, [48], \d, \d, \w+>")
 
 
 def blocks(listing: str) -> Iterator[tuple[str, list[str]]]:

@@ -46,12 +46,12 @@ ANYNET_INLINE void read_after(const T*& p, vec<T>& v) {
 #if defined(__aarch64__)
 /// sum + a * b[lane]
 template <int lane>
-ANYNET_INLINE vec<float> add_product(vec<float> sum, vec<float> a, vec<float> b) {
+ANYNET_INLINE vec<float> add_lane_product(vec<float> sum, vec<float> a, vec<float> b) {
   return reinterpret_cast<vec<float>>(vfmaq_laneq_f32(
       reinterpret_cast<float32x4_t>(sum), reinterpret_cast<float32x4_t>(a), reinterpret_cast<float32x4_t>(b), lane));
 }
 template <int lane>
-ANYNET_INLINE vec<double> add_product(vec<double> sum, vec<double> a, vec<double> b) {
+ANYNET_INLINE vec<double> add_lane_product(vec<double> sum, vec<double> a, vec<double> b) {
   return reinterpret_cast<vec<double>>(vfmaq_laneq_f64(
       reinterpret_cast<float64x2_t>(sum), reinterpret_cast<float64x2_t>(a), reinterpret_cast<float64x2_t>(b), lane));
 }
@@ -65,7 +65,7 @@ ANYNET_INLINE void add_products_by_lane(vec<T> (&sum)[CO][V], const T*& weight, 
   for (int k = 0; k < CO / L; ++k) weights[k] = load(weight + at + k * L);
   const auto add = [&](auto o) __attribute__((always_inline)) {
 #pragma GCC unroll 8
-    for (int v = 0; v < V; ++v) sum[o()][v] = add_product<o() % L>(sum[o()][v], pixels[v], weights[o() / L]);
+    for (int v = 0; v < V; ++v) sum[o()][v] = add_lane_product<o() % L>(sum[o()][v], pixels[v], weights[o() / L]);
   };
   (add(Constant<O>{}), ...);
   read_after(weight, sum[CO - 1][V - 1]);
