@@ -13,7 +13,7 @@ A saved program that holds them, a .pt2 file, can only be loaded after `import a
 from anynet_ext import _flops, reference  # noqa: F401  (registers the formulas)
 from anynet_ext._batch_norm import batch_norm_relu
 from anynet_ext._candidates import candidate_costs, expected_disparity
-from anynet_ext._conv import conv3x3, conv3x3x3, conv_pair
+from anynet_ext._conv import conv3x3, conv3x3x3, conv_chain
 from anynet_ext._convex_upsampling import convex_upsampling
 from anynet_ext._cost_volume import cost_volume, cost_volume_affine_relu
 from anynet_ext._library import build_info, wait_passively
@@ -33,7 +33,7 @@ __all__ = [
     "candidate_costs",
     "conv3x3",
     "conv3x3x3",
-    "conv_pair",
+    "conv_chain",
     "convex_upsampling",
     "cost_volume",
     "cost_volume_affine_relu",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -79,22 +80,18 @@ def conv3x3x3(
 
 
 @overridable
-def conv_pair(
-    input: Tensor,
-    weight_first: Tensor,
-    bias_first: Tensor | None,
-    weight_second: Tensor,
-    bias_second: Tensor | None = None,
-    *,
-    relu_out: bool = False,
+def conv_chain(
+    input: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor | None], *, relu_out: bool = False
 ) -> Tensor:
-    """Two convolutions of stride 1 with a ReLU between them, for inference; on a GPU one launch where channels are few.
+    """Convolutions of stride 1 one after another, with a ReLU after each but the last, for inference.
+
+    It saves what the calls cost; on a GPU two layers are one launch where their channels are few.
 
     Args:
         input: [N, C, H, W] or [N, C, D, H, W] float32, contiguous, 1 <= C <= 64.
-        weight_first, weight_second: [M, C, 3, 3] and [O, M, 3, 3], or with a third 3; M, O <= 64.
-        bias_first, bias_second: [M], [O].
-        relu_out: ReLU after the second, too.
+        weights: of each layer [O, C, 3, 3], or with a third 3; O <= 64 is the next one's C.
+        biases: of each layer [O] or None.
+        relu_out: ReLU after the last, too.
 
     Returns:
         [N, O, H, W] or [N, O, D, H, W].
@@ -102,19 +99,12 @@ def conv_pair(
     Raises:
         RuntimeError: if an argument has the wrong dtype, shape or layout.
     """
-    out: Tensor = torch.ops.anynet.conv_pair(input, weight_first, bias_first, weight_second, bias_second, relu_out)
+    out: Tensor = torch.ops.anynet.conv_chain(input, list(weights), list(biases), relu_out)
     return out
 
 
-def _fake_conv_pair(
-    input: Tensor,
-    weight_first: Tensor,
-    bias_first: Tensor | None,
-    weight_second: Tensor,
-    bias_second: Tensor | None,
-    relu_out: bool,
-) -> Tensor:
-    return input.new_empty(input.shape[0], weight_second.shape[0], *input.shape[2:])
+def _fake_conv_chain(input: Tensor, weights: list[Tensor], biases: list[Tensor | None], relu_out: bool) -> Tensor:
+    return input.new_empty(input.shape[0], weights[-1].shape[0], *input.shape[2:])
 
 
 def _check(
@@ -269,4 +259,4 @@ def _register(name: str, dimensions: int) -> None:
 
 _register("conv3x3", 2)
 _register("conv3x3x3", 3)
-register_inference("conv_pair", _fake_conv_pair)
+register_inference("conv_chain", _fake_conv_chain)

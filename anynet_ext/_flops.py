@@ -26,9 +26,8 @@ def _convolution(out: Shape, input: Shape, weight: Shape, *_: Any) -> int:
     return 2 * prod(out) * prod(weight[1:])
 
 
-def _conv_pair(out: Shape, input: Shape, first: Shape, bias: Shape | None, second: Shape, *_: Any) -> int:
-    between = input[0], first[0], *input[2:]
-    return _convolution(between, input, first) + _convolution(out, between, second)
+def _conv_chain(out: Shape, input: Shape, weights: Sequence[Shape], *_: Any) -> int:
+    return sum(_convolution((input[0], weight[0], *input[2:]), input, weight) for weight in weights)
 
 
 def _cost_volume(out: Shape, left: Shape, right: Shape, disparity: Shape | None = None, *_: Any) -> int:
@@ -65,7 +64,7 @@ _FORMULAS: dict[str, Callable[..., int]] = {
     "candidate_costs": _candidate_costs,
     "conv3x3": _convolution,
     "conv3x3x3": _convolution,
-    "conv_pair": _conv_pair,
+    "conv_chain": _conv_chain,
     "cost_volume": _cost_volume,
     "cost_volume_affine_relu": lambda out, *shapes: _cost_volume(out, *shapes) + 2 * prod(out),
     "expected_disparity": lambda out, cost, *_: 5 * prod(cost),

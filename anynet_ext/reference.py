@@ -142,18 +142,14 @@ def conv3x3(
 conv3x3x3 = conv3x3
 
 
-def conv_pair(
-    input: Tensor,
-    weight_first: Tensor,
-    bias_first: Tensor | None,
-    weight_second: Tensor,
-    bias_second: Tensor | None = None,
-    *,
-    relu_out: bool = False,
+def conv_chain(
+    input: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor | None], *, relu_out: bool = False
 ) -> Tensor:
-    """relu_out( second( relu( first(input) ) ) )"""
-    between = conv3x3(input, weight_first, bias_first, relu_out=True)
-    return conv3x3(between, weight_second, bias_second, relu_out=relu_out)
+    """relu_out( last( ... relu( second( relu( first(input) ) ) ) ) )"""
+    *layers, last = zip(weights, biases, strict=True)
+    for weight, bias in layers:
+        input = conv3x3(input, weight, bias, relu_out=True)
+    return conv3x3(input, *last, relu_out=relu_out)
 
 
 def resize(

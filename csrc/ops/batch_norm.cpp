@@ -14,22 +14,20 @@ void check_batch_norm(const char* op, const Tensor& input, const Tensor& weight,
   check_tensor(op, "bias", bias, {input.size(1)}, input);
 }
 
-using torch::stable::contiguous;
-
 /// What the CUDA kernels sum in.
 Tensor workspace([[maybe_unused]] const Tensor& x) {
   int64_t count = 0;
 #ifndef ANYNET_OPS_CPU
   count = cuda::batch_norm_sums(x.size(0), x.size(1), x.numel() / (x.size(0) * x.size(1)));
 #endif
-  return torch::stable::new_empty(x, {count}, torch::headeronly::ScalarType::Double);
+  return new_tensor(x, {count}, ScalarType::Double);
 }
 
 std::tuple<Tensor, Tensor, Tensor> batch_norm_relu(const Tensor& input, const Tensor& weight, const Tensor& bias,
                                                    double eps) {
   check_batch_norm("batch_norm_relu", input, weight, bias);
-  const Tensor x = contiguous(input), w = contiguous(weight), b = contiguous(bias);
-  Tensor out = contiguous_like(input), mean = contiguous_like(weight), variance = contiguous_like(weight);
+  const Tensor x = make_contiguous(input), w = make_contiguous(weight), b = make_contiguous(bias);
+  Tensor out = new_like(input), mean = new_like(weight), variance = new_like(weight);
   const Tensor sums = workspace(x);
   dispatch_wide(input.scalar_type(), "batch_norm_relu", [&](auto t) {
     using T = decltype(t);
@@ -50,9 +48,9 @@ std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, 
   check_tensor(op, "variance", variance, {input.size(1)}, input);
   ANYNET_CHECK(shape(grad) == shape(input) && grad.scalar_type() == input.scalar_type(), op,
                ": expected grad of input's shape and dtype, got ", shape(grad));
-  const Tensor g = contiguous(grad), x = contiguous(input), w = contiguous(weight), b = contiguous(bias);
-  const Tensor m = contiguous(mean), v = contiguous(variance);
-  Tensor grad_input = contiguous_like(input), grad_weight = contiguous_like(weight), grad_bias = contiguous_like(bias);
+  const Tensor g = make_contiguous(grad), x = make_contiguous(input), w = make_contiguous(weight), b = make_contiguous(bias);
+  const Tensor m = make_contiguous(mean), v = make_contiguous(variance);
+  Tensor grad_input = new_like(input), grad_weight = new_like(weight), grad_bias = new_like(bias);
   const Tensor sums = workspace(x);
   dispatch_wide(input.scalar_type(), op, [&](auto t) {
     using T = decltype(t);

@@ -23,7 +23,7 @@ Tensor candidate_costs(const Tensor& features, const Tensor& disparity, int64_t 
                " and features ", shape(features));
   ANYNET_CHECK(0 <= radius && radius <= max_radius, "candidate_costs: expected a radius of 0 to ", max_radius, ", got ",
                radius);
-  Tensor out = empty_like(features, {1, groups * (span + 3) + channels + 2, height, width});
+  Tensor out = new_tensor(features, {1, groups * (span + 3) + channels + 2, height, width});
   if (out.numel() == 0) return out;
   const CandidateCosts<float> args{
       channels, groups,   height, width,           data<float>(features), data<float>(disparity),
@@ -41,7 +41,7 @@ Tensor expected_disparity(const Tensor& cost, const Tensor& disparity, const Ten
                shape(cost));
   check_tensor("expected_disparity", "disparity", disparity, {1, 1, height, width}, cost);
   check_tensor("expected_disparity", "offsets", offsets, {1, 2, height, width}, cost);
-  Tensor out = contiguous_like(disparity);
+  Tensor out = new_like(disparity);
   const ExpectedDisparity<float> args{count,
                                       height * width,
                                       data<float>(cost),

@@ -66,19 +66,13 @@ void check_conv_vector(const std::optional<Tensor>& vector, const char* name, in
   check_device(conv_name(dimensions), name, *vector, input);
 }
 
-using torch::stable::contiguous;
-
-Tensor new_tensor(const Tensor& like, const std::vector<int64_t>& sizes) {
-  return torch::stable::new_empty(like, torch::headeronly::IntHeaderOnlyArrayRef(sizes));
-}
-
 template <class T>
 const T* data(const std::optional<Tensor>& t) {
   return t ? static_cast<const T*>(t->const_data_ptr()) : nullptr;
 }
 
 std::optional<Tensor> contiguous_or_none(const std::optional<Tensor>& t) {
-  return t ? std::optional<Tensor>(contiguous(*t)) : std::nullopt;
+  return t ? std::optional<Tensor>(make_contiguous(*t)) : std::nullopt;
 }
 
 template <int64_t dimensions>
@@ -94,7 +88,7 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
   check_conv_vector(shift, "shift", dimensions, input.size(1), input);
   ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),
                ": expected both or none of scale and shift");
-  const Tensor x = contiguous(input), w = contiguous(weight);
+  const Tensor x = make_contiguous(input), w = make_contiguous(weight);
   const auto b = contiguous_or_none(bias), s = contiguous_or_none(scale), t = contiguous_or_none(shift);
   Tensor out = new_tensor(input, conv_out_sizes(sizes(input), weight.size(0), stride));
   dispatch_wide(dtype, conv_name(dimensions), [&](auto element) {
@@ -113,47 +107,57 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
   return out;
 }
 
-/// [out_channels, in_channels, 3, 3] or with a third 3, and its bias.
-void check_pair_layer(const Tensor& input, const Tensor& weight, const char* name, const std::optional<Tensor>& bias,
-                      const char* bias_name, int64_t in_channels) {
-  check_contiguous("conv_pair", name, weight, input.dim());
-  if (input.dim() == 4) {
-    check_tensor("conv_pair", name, weight, {weight.size(0), in_channels, 3, 3}, input);
-  } else {
-    check_tensor("conv_pair", name, weight, {weight.size(0), in_channels, 3, 3, 3}, input);
-  }
-  if (!bias) return;
-  check_contiguous("conv_pair", bias_name, *bias, 1);
-  check_tensor("conv_pair", bias_name, *bias, {weight.size(0)}, input);
-}
-
-Tensor conv_pair(const Tensor& input, const Tensor& weight_first, std::optional<Tensor> bias_first,
-                 const Tensor& weight_second, std::optional<Tensor> bias_second, bool relu_out) {
-  const int64_t dimensions = input.dim() == 5 ? 3 : 2;
-  check_contiguous("conv_pair", "input", input, dimensions + 2);
-  check_pair_layer(input, weight_first, "weight_first", bias_first, "bias_first", input.size(1));
-  check_pair_layer(input, weight_second, "weight_second", bias_second, "bias_second", weight_first.size(0));
-  check_conv_input(input, dimensions, 1);
 #ifndef ANYNET_OPS_CPU
-  const ConvShape shape = conv_shape(sizes(input), weight_first.size(0), 1);
-  if (cuda::conv_pair_fits(shape)) {
-    Tensor out = new_tensor(input, conv_out_sizes(sizes(input), weight_second.size(0), 1));
-    const ConvPair<float> args{shape,
-                               weight_second.size(0),
-                               const_data<float>(input),
-                               const_data<float>(weight_first),
-                               data<float>(bias_first),
-                               const_data<float>(weight_second),
-                               data<float>(bias_second),
-                               relu_out,
-                               static_cast<float*>(out.mutable_data_ptr())};
-    ANYNET_RUN(conv_pair, args, input);
-    return out;
-  }
+/// Two layers in one launch, or nothing if they do not fit into one.
+std::optional<Tensor> conv_pair(const Tensor& input, const Tensor* weights, const std::optional<Tensor>* biases,
+                                bool relu_out) {
+  const ConvShape shape = conv_shape(sizes(input), weights[0].size(0), 1);
+  if (!cuda::conv_pair_fits(shape)) return std::nullopt;
+  Tensor out = new_tensor(input, conv_out_sizes(sizes(input), weights[1].size(0), 1));
+  const ConvPair<float> args{shape,
+                             weights[1].size(0),
+                             const_data<float>(input),
+                             const_data<float>(weights[0]),
+                             data<float>(biases[0]),
+                             const_data<float>(weights[1]),
+                             data<float>(biases[1]),
+                             relu_out,
+                             static_cast<float*>(out.mutable_data_ptr())};
+  ANYNET_RUN(conv_pair, args, input);
+  return out;
+}
 #endif
-  const auto convolution = dimensions == 2 ? conv<2> : conv<3>;
-  const Tensor between = convolution(input, weight_first, bias_first, std::nullopt, std::nullopt, 1, false, true);
-  return convolution(between, weight_second, bias_second, std::nullopt, std::nullopt, 1, false, relu_out);
+
+Tensor conv_chain(const Tensor& input, const std::vector<Tensor>& weights,
+                  const std::vector<std::optional<Tensor>>& biases, bool relu_out) {
+  const int64_t dimensions = input.dim() == 5 ? 3 : 2;
+  const size_t layers = weights.size();
+  ANYNET_CHECK(layers > 0 && biases.size() == layers,
+               "conv_chain: expected at least one weight and as many biases, got ", layers, " and ", biases.size());
+  check_contiguous("conv_chain", "input", input, dimensions + 2);
+  check_conv_input(input, dimensions, 1);
+  for (size_t i = 0; i < layers; ++i) {
+    check_contiguous("conv_chain", "weights", weights[i], dimensions + 2);
+    check_conv_weight(weights[i], dimensions, i == 0 ? input.size(1) : weights[i - 1].size(0));
+    check_device("conv_chain", "weights", weights[i], input);
+    if (biases[i]) check_contiguous("conv_chain", "biases", *biases[i], 1);
+    check_conv_vector(biases[i], "biases", dimensions, weights[i].size(0), input);
+  }
+  Tensor x = input;
+  for (size_t i = 0; i < layers; ++i) {
+#ifndef ANYNET_OPS_CPU
+    if (i + 1 < layers) {
+      if (const auto out = conv_pair(x, &weights[i], &biases[i], i + 2 < layers || relu_out)) {
+        x = *out;
+        ++i;
+        continue;
+      }
+    }
+#endif
+    const auto convolution = dimensions == 2 ? conv<2> : conv<3>;
+    x = convolution(x, weights[i], biases[i], std::nullopt, std::nullopt, 1, false, i + 1 < layers || relu_out);
+  }
+  return x;
 }
 
 #ifdef ANYNET_OPS_CPU  // on CUDA the derivatives are PyTorch's (anynet_ext/_conv.py)
@@ -168,7 +172,7 @@ Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::option
       conv_name(dimensions), ": expected grad of the output's shape and dtype, got ", shape(grad));
   ANYNET_CHECK(!before || (sizes(*before) == input_size && before->scalar_type() == grad.scalar_type()),
                conv_name(dimensions), ": expected before of the input's shape and dtype, got ", shape(*before));
-  const Tensor g = contiguous(grad), w = contiguous(weight);
+  const Tensor g = make_contiguous(grad), w = make_contiguous(weight);
   const auto x = contiguous_or_none(before);
   dispatch_wide(grad.scalar_type(), conv_name(dimensions), [&](auto element) {
     using T = decltype(element);
@@ -192,7 +196,7 @@ std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor
   check_conv_vector(shift, "shift", dimensions, input.size(1), input);
   ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),
                ": expected both or none of scale and shift");
-  const Tensor g = contiguous(grad), x = contiguous(input);
+  const Tensor g = make_contiguous(grad), x = make_contiguous(input);
   const auto s = contiguous_or_none(scale), t = contiguous_or_none(shift);
   std::vector<int64_t> weight_sizes(input.dim(), 3);
   weight_sizes[0] = grad.size(1), weight_sizes[1] = input.size(1);
@@ -234,15 +238,14 @@ STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
             .c_str());
   }
   ANYNET_SCHEMA(m,
-                "conv_pair(Tensor input, Tensor weight_first, Tensor? bias_first, Tensor weight_second, "
-                "Tensor? bias_second, bool relu_out) -> Tensor");
+"conv_chain(Tensor input, Tensor[] weights, Tensor?[] biases, bool relu_out) -> Tensor");
 }
 #endif
 
 STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("conv3x3", TORCH_BOX(&conv<2>));
   m.impl("conv3x3x3", TORCH_BOX(&conv<3>));
-  m.impl("conv_pair", TORCH_BOX(&conv_pair));
+  m.impl("conv_chain", TORCH_BOX(&conv_chain));
 #ifdef ANYNET_OPS_CPU
   m.impl("conv3x3_backward_input", TORCH_BOX(&conv_backward_input<2>));
   m.impl("conv3x3_backward_weight", TORCH_BOX(&conv_backward_weight<2>));

@@ -11,7 +11,7 @@ Tensor convex_upsampling(const Tensor& input, const Tensor& logits) {
   const int64_t n = input.size(0), height = input.size(2), width = input.size(3);
   check_tensor("convex_upsampling", "input", input, {n, 1, height, width}, input);
   check_tensor("convex_upsampling", "logits", logits, {n, 32, height, width}, input);
-  Tensor out = empty_like(input, {n, 1, 2 * height, 2 * width});
+  Tensor out = new_tensor(input, {n, 1, 2 * height, 2 * width});
   if (out.numel() == 0) return out;
   const ConvexUpsampling<float> args{n, height, width, data<float>(input), data<float>(logits), data<float>(out)};
   ANYNET_RUN(convex_upsampling, args, input);

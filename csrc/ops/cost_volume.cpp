@@ -39,7 +39,7 @@ Tensor cost_volume(const Tensor& left, const Tensor& right, const std::optional<
                    int64_t last) {
   check_cost_volume("cost_volume", left, right, disparity, first, last);
   const int64_t count = last - first + 1;
-  Tensor out = empty_like(left, {left.size(0), count, left.size(2), left.size(3)});
+  Tensor out = new_tensor(left, {left.size(0), count, left.size(2), left.size(3)});
   dispatch(left.scalar_type(), "cost_volume", [&](auto t) {
     using T = decltype(t);
     const CostVolume<T> args{ops::view<T>(left), ops::view<T>(right), view<T>(disparity), first, count, data<T>(out)};
@@ -57,7 +57,7 @@ Tensor cost_volume_affine_relu(const Tensor& left, const Tensor& right, const st
   const AffineRelu<float> epilogue = affine_relu(op, scale, shift, groups, left);
   ANYNET_CHECK(groups > 0 && left.size(0) % groups == 0, op, ": expected a scale for each of left's groups, got ",
                groups, " for left ", shape(left));
-  Tensor out = empty_like(left, {left.size(0), count, left.size(2), left.size(3)});
+  Tensor out = new_tensor(left, {left.size(0), count, left.size(2), left.size(3)});
   const CostVolume<float> args{ops::view<float>(left),
                                ops::view<float>(right),
                                view<float>(disparity),
@@ -73,8 +73,8 @@ std::tuple<Tensor, Tensor, Tensor> cost_volume_backward(const Tensor& grad, cons
                                                         const std::optional<Tensor>& disparity, int64_t first,
                                                         int64_t last) {
   check_cost_volume_backward(grad, left, right, disparity, first, last);
-  Tensor grad_left = contiguous_like(left), grad_right = contiguous_like(right);
-  Tensor grad_disparity = disparity.has_value() ? contiguous_like(*disparity) : empty_like(left, {0});
+  Tensor grad_left = new_like(left), grad_right = new_like(right);
+  Tensor grad_disparity = disparity.has_value() ? new_like(*disparity) : new_tensor(left, {0});
   dispatch(left.scalar_type(), "cost_volume_backward", [&](auto t) {
     using T = decltype(t);
     const CostVolumeBackward<T> args{ops::view<T>(grad),

@@ -8,7 +8,7 @@ namespace {
 Tensor max_pool(const Tensor& input, const Tensor& scale, const Tensor& shift) {
   check_contiguous("max_pool", "input", input, 4);
   const AffineRelu<float> epilogue = affine_relu("max_pool", scale, shift, input.size(1), input);
-  Tensor out = empty_like(input, {input.size(0), input.size(1), input.size(2) / 2, input.size(3) / 2});
+  Tensor out = new_tensor(input, {input.size(0), input.size(1), input.size(2) / 2, input.size(3) / 2});
   const MaxPool<float> args{input.size(0),      input.size(1), input.size(2),   input.size(3),
                             data<float>(input), epilogue,      data<float>(out)};
   ANYNET_RUN(max_pool, args, input);

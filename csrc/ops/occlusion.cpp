@@ -10,7 +10,7 @@ namespace {
 Tensor fill_occlusions(const Tensor& disparity, double pixel) {
   check_contiguous("fill_occlusions", "disparity", disparity, 4);
   ANYNET_CHECK(pixel > 0 && std::isfinite(pixel), "fill_occlusions: expected a finite pixel above 0, got ", pixel);
-  Tensor out = contiguous_like(disparity);
+  Tensor out = new_like(disparity);
   if (out.numel() == 0) return out;
   const int64_t width = disparity.size(3);
   const FillOcclusions<float> args{disparity.numel() / width, width, data<float>(disparity), static_cast<float>(pixel),

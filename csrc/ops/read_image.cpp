@@ -16,7 +16,7 @@ Tensor read_image(const Tensor& image, const Tensor& mean, const Tensor& std, in
   ANYNET_CHECK(factor == 1 || factor == 2 || factor == 4, "read_image: expected factor 1, 2 or 4, got ", factor);
   ANYNET_CHECK(block == 1 || block == 2, "read_image: expected block 1 or 2, got ", block);
   check_size("read_image", height, width);
-  Tensor out = empty_like(mean, {1, 3 * block * block, height, width});
+  Tensor out = new_tensor(mean, {1, 3 * block * block, height, width});
   const ReadImage<float> args{data<uint8_t>(image), image.size(0),    image.size(1),   factor, block, height, width,
                               data<float>(mean),    data<float>(std), data<float>(out)};
   ANYNET_RUN(read_image, args, mean);

@@ -26,7 +26,7 @@ void check_resize_backward(const Tensor& grad, int64_t height, int64_t width) {
 Tensor resize(const Tensor& input, int64_t height, int64_t width, double scale, const std::optional<Tensor>& add,
               bool align_corners) {
   check_resize(input, height, width, add);
-  Tensor out = empty_like(input, {input.size(0), input.size(1), height, width});
+  Tensor out = new_tensor(input, {input.size(0), input.size(1), height, width});
   if (out.numel() == 0) return out;
   dispatch(input.scalar_type(), "resize", [&](auto t) {
     using T = decltype(t);
@@ -40,7 +40,7 @@ Tensor resize(const Tensor& input, int64_t height, int64_t width, double scale, 
 
 Tensor resize_backward(const Tensor& grad, int64_t height, int64_t width, double scale, bool align_corners) {
   check_resize_backward(grad, height, width);
-  Tensor grad_input = empty_like(grad, {grad.size(0), grad.size(1), height, width});
+  Tensor grad_input = new_tensor(grad, {grad.size(0), grad.size(1), height, width});
   if (grad_input.numel() == 0) return grad_input;
   dispatch(grad.scalar_type(), "resize_backward", [&](auto t) {
     using T = decltype(t);

@@ -20,7 +20,7 @@ void check_soft_argmin_backward(const Tensor& grad, const Tensor& cost) {
 
 Tensor soft_argmin(const Tensor& cost, int64_t first) {
   check_soft_argmin(cost);
-  Tensor out = empty_like(cost, {cost.size(0), 1, cost.size(2), cost.size(3)});
+  Tensor out = new_tensor(cost, {cost.size(0), 1, cost.size(2), cost.size(3)});
   dispatch(cost.scalar_type(), "soft_argmin", [&](auto t) {
     using T = decltype(t);
     const SoftArgmin<T> args{view<T>(cost), first, data<T>(out)};
@@ -31,7 +31,7 @@ Tensor soft_argmin(const Tensor& cost, int64_t first) {
 
 Tensor soft_argmin_backward(const Tensor& grad, const Tensor& cost, int64_t first) {
   check_soft_argmin_backward(grad, cost);
-  Tensor grad_cost = contiguous_like(cost);
+  Tensor grad_cost = new_like(cost);
   dispatch(cost.scalar_type(), "soft_argmin_backward", [&](auto t) {
     using T = decltype(t);
     const SoftArgminBackward<T> args{view<T>(grad), view<T>(cost), first, data<T>(grad_cost)};

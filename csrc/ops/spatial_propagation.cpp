@@ -27,7 +27,7 @@ void check_spatial_propagation_backward(const Tensor& grad, const Tensor& input,
 
 Tensor spatial_propagation(const Tensor& input, const Tensor& gates, int64_t direction) {
   check_spatial_propagation("spatial_propagation", input, gates, direction);
-  Tensor out = contiguous_like(input);
+  Tensor out = new_like(input);
   dispatch(input.scalar_type(), "spatial_propagation", [&](auto t) {
     using T = decltype(t);
     const SpatialPropagation<T> args{view<T>(input), view<T, 5>(gates), static_cast<int>(direction), data<T>(out)};
@@ -40,7 +40,7 @@ Tensor normalized_propagation(const Tensor& input, const Tensor& gates, int64_t 
   check_contiguous("normalized_propagation", "input", input, 4);
   check_contiguous("normalized_propagation", "gates", gates, 5);
   check_spatial_propagation("normalized_propagation", input, gates, direction);
-  Tensor out = contiguous_like(input);
+  Tensor out = new_like(input);
   const SpatialPropagation<float> args{view<float>(input), view<float, 5>(gates), static_cast<int>(direction),
                                        data<float>(out), true};
   ANYNET_RUN(spatial_propagation, args, input);
@@ -50,7 +50,7 @@ Tensor normalized_propagation(const Tensor& input, const Tensor& gates, int64_t 
 std::tuple<Tensor, Tensor> spatial_propagation_backward(const Tensor& grad, const Tensor& input, const Tensor& gates,
                                                         const Tensor& out, int64_t direction) {
   check_spatial_propagation_backward(grad, input, gates, out, direction);
-  Tensor grad_input = contiguous_like(input), grad_gates = contiguous_like(gates);
+  Tensor grad_input = new_like(input), grad_gates = new_like(gates);
   dispatch(input.scalar_type(), "spatial_propagation_backward", [&](auto t) {
     using T = decltype(t);
     const SpatialPropagationBackward<T> args{

@@ -27,7 +27,7 @@ Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const T
   const AffineRelu<float> epilogue = affine_relu("stem", scale, shift, channels, mean);
   const auto padded = [&](int64_t size) { return (size + multiple - 1) / multiple * multiple; };
   const int64_t height = padded(input_scale * left.size(0)), width = padded(input_scale * left.size(1));
-  Tensor out = empty_like(mean, {2, channels, height / 4, width / 4});
+  Tensor out = new_tensor(mean, {2, channels, height / 4, width / 4});
   const Stem<float> args{{data<uint8_t>(left), data<uint8_t>(right)},
                          left.size(0),
                          left.size(1),

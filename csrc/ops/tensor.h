@@ -7,9 +7,12 @@
 #include <torch/headeronly/core/ScalarType.h>
 
 #include <initializer_list>
+#include <optional>
 #include <sstream>
 #include <stdexcept>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "../kernels/common/affine_relu.h"
 #include "../kernels/common/tensor.h"
@@ -20,13 +23,16 @@ using torch::headeronly::ScalarType;
 using torch::stable::Tensor;
 
 /// "[1, 3, 4]"
-inline std::string shape(const Tensor& t) {
+template <class Sizes>
+std::string shape(const Sizes& sizes) {
   std::ostringstream s;
-  s << '[';
-  for (int64_t i = 0; i < t.dim(); ++i) s << (i ? ", " : "") << t.size(i);
-  s << ']';
+  const char* separator = "[";
+  for (const int64_t size : sizes) s << std::exchange(separator, ", ") << size;
+  s << (sizes.size() == 0 ? "[]" : "]");
   return s.str();
 }
+
+inline std::string shape(const Tensor& t) { return shape(t.sizes()); }
 
 template <class... Parts>
 [[noreturn]] void fail(const Parts&... parts) {
@@ -51,13 +57,8 @@ inline void check_device(const char* op, const char* name, const Tensor& t, cons
 inline void check_tensor(const char* op, const char* name, const Tensor& t, std::initializer_list<int64_t> sizes,
                          const Tensor& first) {
   bool fits = t.dim() == static_cast<int64_t>(sizes.size());
-  std::string expected;
-  int64_t i = 0;
-  for (int64_t size : sizes) {
-    fits = fits && t.size(i++) == size;
-    expected += (expected.empty() ? "" : ", ") + std::to_string(size);
-  }
-  ANYNET_CHECK(fits, op, ": expected ", name, " of shape [", expected, "], got ", shape(t));
+  for (int64_t i = 0; fits && i < t.dim(); ++i) fits = t.size(i) == sizes.begin()[i];
+  ANYNET_CHECK(fits, op, ": expected ", name, " of shape ", shape(sizes), ", got ", shape(t));
   ANYNET_CHECK(t.scalar_type() == first.scalar_type(), op, ": expected all tensors of one dtype, got ",
                torch::headeronly::toString(first.scalar_type()), " and, for ", name, ", ",
                torch::headeronly::toString(t.scalar_type()));
@@ -98,13 +99,34 @@ View<const T, Rank> view(const Tensor& t) {
   return v;
 }
 
-/// An uninitialized contiguous tensor of the dtype and device of `like`.
-inline Tensor empty_like(const Tensor& like, std::initializer_list<int64_t> sizes) {
-  return torch::stable::new_empty(like, torch::headeronly::IntHeaderOnlyArrayRef(sizes));
+/// An uninitialized contiguous tensor on the device of `like`, of its dtype or another.
+///
+/// Straight from PyTorch's allocator: the stable ABI's `new_empty` looks an operator up by its name in every call.
+template <class Sizes = std::initializer_list<int64_t>>
+Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarType> dtype = std::nullopt) {
+  std::vector<int64_t> strides(sizes.size());
+  uint64_t stride = 1;  // may overflow; PyTorch then says so
+  for (size_t i = sizes.size(); i-- > 0;) {
+    const int64_t size = sizes.begin()[i];
+    strides[i] = static_cast<int64_t>(stride);
+    stride *= static_cast<uint64_t>(size > 1 ? size : 1);
+  }
+  int32_t type, device, index;
+  STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_get_dtype(like.get(), &type));
+  if (dtype) type = torch::stable::detail::to<int32_t>(torch::stable::detail::from(*dtype));
+  STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_get_device_type(like.get(), &device));
+  STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_get_device_index(like.get(), &index));
+  AtenTensorHandle result;
+  STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_empty_strided(static_cast<int64_t>(sizes.size()), &*sizes.begin(),
+                                                         strides.data(), type, device, index, &result));
+  return Tensor(result);
 }
 
-/// The same of the sizes of `like`, whatever its layout.
-inline Tensor contiguous_like(const Tensor& like) { return torch::stable::new_empty(like, like.sizes()); }
+/// One of the sizes and the dtype of `like`, whatever its layout.
+inline Tensor new_like(const Tensor& like) { return new_tensor(like, like.sizes()); }
+
+/// The tensor itself if it is contiguous; or a copy.
+inline Tensor make_contiguous(const Tensor& t) { return t.is_contiguous() ? t : torch::stable::contiguous(t); }
 
 template <class T>
 T* data(const Tensor& t) {

@@ -34,7 +34,7 @@ Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>&
     args.ratio[i] = ratios[i];
     args.gain[i] = gains.empty() ? 1 : static_cast<float>(gains[i]);
   }
-  Tensor out = empty_like(maps[0], {height, width});
+  Tensor out = new_tensor(maps[0], {height, width});
   args.side = static_cast<float>(side);
   args.out_height = height;
   args.out_width = width;
@@ -52,7 +52,7 @@ Tensor upsample_concat(const Tensor& skip, const Tensor& coarse, const Tensor& s
   check_size("upsample_concat", coarse.size(2), coarse.size(3));
   const int64_t channels = skip.size(1) + coarse.size(1);
   const AffineRelu<float> epilogue = affine_relu("upsample_concat", scale, shift, channels, skip);
-  Tensor out = empty_like(skip, {skip.size(0), channels, skip.size(2), skip.size(3)});
+  Tensor out = new_tensor(skip, {skip.size(0), channels, skip.size(2), skip.size(3)});
   if (out.numel() == 0) return out;
   const UpsampleConcat<float> args{skip.size(0),        skip.size(1),   coarse.size(1),  skip.size(2),
                                    skip.size(3),        coarse.size(2), coarse.size(3),  data<float>(skip),
@@ -70,7 +70,7 @@ Tensor upsample_add(const Tensor& input, const Tensor& coarse, const Tensor& sca
                shape(coarse));
   check_size("upsample_add", coarse.size(3), coarse.size(4));
   const AffineRelu<float> epilogue = affine_relu("upsample_add", scale, shift, input.size(1), input);
-  Tensor out = contiguous_like(input);
+  Tensor out = new_like(input);
   if (out.numel() == 0) return out;
   const UpsampleAdd<float> args{input.size(0),      input.size(1),       input.size(2),  input.size(3),
                                 input.size(4),      coarse.size(2),      coarse.size(3), coarse.size(4),

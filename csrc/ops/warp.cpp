@@ -23,7 +23,7 @@ void check_warp_backward(const Tensor& grad, const Tensor& image, const Tensor& 
 
 Tensor warp(const Tensor& image, const Tensor& disparity) {
   check_warp(image, disparity);
-  Tensor out = contiguous_like(image);
+  Tensor out = new_like(image);
   dispatch(image.scalar_type(), "warp", [&](auto t) {
     using T = decltype(t);
     const Warp<T> args{view<T>(image), view<T>(disparity), data<T>(out)};
@@ -34,7 +34,7 @@ Tensor warp(const Tensor& image, const Tensor& disparity) {
 
 std::tuple<Tensor, Tensor> warp_backward(const Tensor& grad, const Tensor& image, const Tensor& disparity) {
   check_warp_backward(grad, image, disparity);
-  Tensor grad_image = contiguous_like(image), grad_disparity = contiguous_like(disparity);
+  Tensor grad_image = new_like(image), grad_disparity = new_like(disparity);
   dispatch(image.scalar_type(), "warp_backward", [&](auto t) {
     using T = decltype(t);
     const WarpBackward<T> args{view<T>(grad), view<T>(image), view<T>(disparity), data<T>(grad_image),

@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.model.layers import Affine, DeployedExcitation, PreActivation, affine_of
+from anynet.model.layers import Affine, DeployedConvolution, DeployedExcitation, PreActivation, affine_of
 from anynet_ext import resize
 
 _ops = torch.ops.anynet
@@ -116,4 +116,53 @@ def deploy_chain(layers: Sequence[nn.Module], *, activated: bool = False) -> nn.
             affine_in = None if activated or len(deployed) else affine_of(layer.norm)
             affine_out = affine_of(following.norm) if isinstance(following, PreActivation) else None
             deployed.append(layer.deploy(affine_in, affine_out))
-    return deployed
+    return in_chains(deployed)
+
+
+class DeployedChain(nn.Module):
+    """Convolutions one after another, in one operator, as long as all of them are computed by ours."""
+
+    def __init__(self, layers: Sequence[DeployedConvolution]) -> None:
+        super().__init__()
+        self.layers = nn.ModuleList(layers)
+        self._tensors = [layer._buffers for layer in layers]
+        self._relu_out, self._ours = layers[-1]._relu_out, True
+
+    def for_gpu(self, dtype: torch.dtype) -> None:
+        """All of them; see `DeployedConvolution.for_gpu`."""
+        for layer in self.layers:
+            layer.for_gpu(dtype)  # type: ignore[operator]
+        self._ours = all(layer._ours for layer in self.layers)
+
+    def forward(self, x: Tensor) -> Tensor:
+        if not self._ours:
+            for layer in self.layers:
+                x = layer(x)
+            return x
+        weights, biases = [own["weight"] for own in self._tensors], [own["bias"] for own in self._tensors]
+        out: Tensor = _ops.conv_chain.default(x, weights, biases, self._relu_out)
+        return out
+
+    __call__ = forward
+
+
+def in_chains(layers: Iterable[nn.Module]) -> nn.ModuleList:
+    """The layers, in one operator those that can be: what lies between two calls takes as long as a small layer."""
+    grouped = nn.ModuleList()
+    run: list[DeployedConvolution] = []
+
+    def end() -> None:
+        if run:
+            grouped.append(run[0] if len(run) == 1 else DeployedChain(run))
+            run.clear()
+
+    for layer in layers:
+        if not isinstance(layer, DeployedConvolution) or not layer.plain:
+            end()
+            grouped.append(layer)
+            continue
+        if run and not run[-1]._relu_out:
+            end()
+        run.append(layer)
+    end()
+    return grouped

@@ -11,8 +11,9 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from anynet.model.anynet import AnyNet
+from anynet.model.chains import DeployedChain
 from anynet.model.cost_volume import Distribution
-from anynet.model.layers import DeployedConvolution, DeployedPair
+from anynet.model.layers import DeployedConvolution
 
 _ops = torch.ops.anynet
 
@@ -72,7 +73,7 @@ class DeployedAnyNet(nn.Module):
         self.requires_grad_(False).eval()
         if precision is not None:
             for part in self.modules():
-                if isinstance(part, (DeployedConvolution, DeployedPair)):
+                if isinstance(part, (DeployedConvolution, DeployedChain)):
                     part.for_gpu(precision)
 
     def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:

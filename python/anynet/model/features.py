@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from anynet.model.chains import chain, deploy_chain, run
 from anynet.model.config import MEAN, STD, FeaturesConfig
-from anynet.model.layers import Convolution, PreActivation, affine_of, in_pairs
+from anynet.model.layers import Convolution, PreActivation, affine_of
 from anynet_ext import resize
 
 _ops = torch.ops.anynet
@@ -93,7 +93,7 @@ class DeployedSeparateFeatures(nn.Module):
     def __init__(self, features: SeparateFeatures, enlargement: int, stride: int) -> None:
         super().__init__()
         self.encoders = nn.ModuleList(e.deploy(enlargement, stride) for e in features.encoders)  # type: ignore[operator]
-        self.blocks = nn.ModuleList(in_pairs(deploy_chain(list(block))) for block in features.blocks)  # type: ignore[call-overload]
+        self.blocks = nn.ModuleList(deploy_chain(list(block)) for block in features.blocks)  # type: ignore[call-overload]
 
     def encode(self, left: Tensor, right: Tensor) -> list[Tensor]:
         coarsest = self.encoders[0]
@@ -161,4 +161,4 @@ class DeployedUNet(nn.Module):
 
 
 def _deployed_blocks(blocks: nn.ModuleList) -> nn.ModuleList:
-    return nn.ModuleList(in_pairs(deploy_chain(list(block), activated=True)) for block in blocks)  # type: ignore[call-overload]
+    return nn.ModuleList(deploy_chain(list(block), activated=True) for block in blocks)  # type: ignore[call-overload]

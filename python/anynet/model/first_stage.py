@@ -72,14 +72,16 @@ class DeployedFirstStage(nn.Module):
         assert isinstance(begin, PreActivation)
         self.first, last = stage.range
         self.volume = DeployedCostVolume(stage.groups, self.first, last, affine_of(begin.norm))
-        self.layers = deploy_chain([begin, *rest], activated=True)
         self.fine_volume: DeployedCostVolume | None = None
         self.fine_costs: nn.Module | None = None
-        if stage.fine_costs is not None:  # what it gives is added before the next layer's ReLU
+        if stage.fine_costs is None:
+            self.layers = deploy_chain([begin, *rest], activated=True)
+        else:  # what it gives is added before the next layer's ReLU
             following = rest[0]
             assert isinstance(following, PreActivation)
             scale, shift = affine_of(following.norm)
-            self.layers[0] = begin.deploy(None, (scale, shift), relu_out=False)
+            first = begin.deploy(None, (scale, shift), relu_out=False)
+            self.layers = nn.ModuleList([first, *deploy_chain(rest, activated=True)])
             affine = affine_of(stage.fine_costs.norm)
             self.fine_volume = DeployedCostVolume(stage.groups, 2 * self.first, 2 * last + 1, affine)
             self.fine_costs = stage.fine_costs.deploy(None, (scale, torch.zeros_like(shift)), relu_out=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import torch
 import torch.nn.functional as F
@@ -110,50 +109,6 @@ class DeployedConvolution(nn.Module):
 def _channels_last(x: Tensor) -> torch.memory_format:
     """The layout that tensor cores take."""
     return torch.channels_last if x.dim() == 4 else torch.channels_last_3d
-
-
-class DeployedPair(nn.Module):
-    """Two convolutions, one after the other, in one operator, as long as both are computed by ours."""
-
-    def __init__(self, first: DeployedConvolution, second: DeployedConvolution) -> None:
-        super().__init__()
-        self.first, self.second = first, second
-        self._relu_out, self._ours = second._relu_out, True
-
-    def for_gpu(self, dtype: torch.dtype) -> None:
-        """Both of them; see `DeployedConvolution.for_gpu`."""
-        for layer in (self.first, self.second):
-            layer.for_gpu(dtype)
-        self._ours = self.first._ours and self.second._ours
-
-    def forward(self, x: Tensor) -> Tensor:
-        if not self._ours:
-            return self.second(self.first(x))
-        first, second = self.first._buffers, self.second._buffers
-        out: Tensor = _ops.conv_pair.default(
-            x, first["weight"], first["bias"], second["weight"], second["bias"], self._relu_out
-        )
-        return out
-
-    __call__ = forward
-
-
-def in_pairs(layers: Iterable[nn.Module]) -> nn.ModuleList:
-    """The layers, two and two of those that do in one operator: half as many launches on a GPU."""
-    paired = nn.ModuleList()
-    for layer in layers:
-        before = paired[-1] if len(paired) else None
-        if (
-            isinstance(before, DeployedConvolution)
-            and isinstance(layer, DeployedConvolution)
-            and before.plain
-            and layer.plain
-            and before._relu_out
-        ):
-            paired[-1] = DeployedPair(before, layer)
-        else:
-            paired.append(layer)
-    return paired
 
 
 class PreActivation(nn.Module):

@@ -8,9 +8,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.model.chains import run
+from anynet.model.chains import in_chains, run
 from anynet.model.config import MEAN, STD, RefinementConfig
-from anynet.model.layers import Convolution, in_pairs, init_normal
+from anynet.model.layers import Convolution, init_normal
 from anynet_ext import reference, resize, spatial_propagation, warp
 
 _ops = torch.ops.anynet
@@ -95,7 +95,7 @@ class DeployedRefinement(nn.Module):
         if self.config.warp_error:  # whose disparity comes undivided
             *others, scaled = layers[0].weight.split([layers[0].weight.shape[1] - 1, 1], 1)
             layers[0].weight = torch.cat([*others, scaled / DISPARITY_SCALE], 1)
-        self.guidance = in_pairs(layers)
+        self.guidance = in_chains(layers)
         # Direction by direction, so that no more than one scan's gates are in memory.
         self.gates = nn.ModuleList()
         for weight in last.weight.detach().chunk(len(self.config.directions)):  # type: ignore[operator]

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from anynet.model.chains import chain, deploy_chain, run
 from anynet.model.config import AnyNetConfig
 from anynet.model.cost_volume import DeployedCostVolume, Distribution, begin_undecided, cost_network, group_cost_volume
-from anynet.model.layers import PreActivation, affine_of, in_pairs
+from anynet.model.layers import DeployedConvolution, PreActivation, affine_of
 from anynet_ext import cost_volume, reference, soft_argmin
 
 _ops = torch.ops.anynet
@@ -62,9 +62,9 @@ class DeployedResidualStage(nn.Module):
         self.volume = DeployedCostVolume(stage.groups, self.first, last, affine_of(begin.norm))
         self.layers = deploy_chain(list(stage.network), activated=True)
         if stage.reverse:
-            for layer in self.layers:
-                layer.weight = torch.flip(layer.weight, (2,))  # type: ignore[arg-type]
-        self.layers = in_pairs(self.layers)
+            for part in self.layers.modules():
+                if isinstance(part, DeployedConvolution):
+                    part.weight = torch.flip(part.weight, (2,))
 
     def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
         cost = run(self.layers, self.volume(features, disparity))[:, 0]
@@ -106,7 +106,7 @@ class DeployedFullRangeStage(nn.Module):
         begin = stage.network[0]
         assert isinstance(begin, PreActivation)
         self.volume = DeployedCostVolume(stage.groups, self.first, last, affine_of(begin.norm))
-        self.layers = in_pairs(deploy_chain(list(stage.network), activated=True))
+        self.layers = deploy_chain(list(stage.network), activated=True)
 
     def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
         cost = run(self.layers, self.volume(features))[:, 0]
@@ -153,7 +153,7 @@ class DeployedCandidateStage(nn.Module):
     def __init__(self, stage: CandidateStage) -> None:
         super().__init__()
         self.groups, self.range, self.radius = stage.groups, stage.range, stage.radius
-        self.layers = in_pairs(deploy_chain(list(stage.network)))
+        self.layers = deploy_chain(list(stage.network))
 
     def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
         x = _ops.candidate_costs.default(features, disparity, self.groups, *self.range, self.radius)
