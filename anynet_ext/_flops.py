@@ -75,8 +75,8 @@ _FORMULAS: dict[str, Callable[..., int]] = {
 
 
 def _register(name: str, formula: Callable[[Any, tuple[Any, ...]], int]) -> None:
-    def counted(*args: Any, out_shape: Any = None, **kwargs: Any) -> int:
-        return formula(out_shape, args)
+    def counted(*args: Any, out_shape: Any = None, out: Any = None, **kwargs: Any) -> int:
+        return formula(out_shape if out is None else out, args)
 
     register_flop_formula(getattr(torch.ops.anynet, name))(counted)
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import overridable, register_inference
+from anynet_ext._register import overridable, register_fake, register_inference
 
 
 @overridable
@@ -20,6 +20,7 @@ def upsample_sum(
     *,
     gains: Sequence[float] = (),
     side: float = 0.0,
+    out: Tensor | None = None,
 ) -> Tensor:
     """Maps upsampled to one size, and added: `sum_i gains[i] * bilinear(maps[i])`, for inference.
 
@@ -31,14 +32,21 @@ def upsample_sum(
         gains: one per map; none: 1 each.
         side: if not 0, the last map, of ratio 1, is smoothed first: along both axes, each value becomes 1 - 2 side of
             itself and `side` of both its neighbors, the border being its own. At most 0.5.
+        out: [height, width] float32, contiguous, none of the maps: where to write the result.
 
     Returns:
-        [height, width] float32.
+        [height, width] float32; `out` if it is given.
 
     Raises:
         RuntimeError: if an argument has the wrong dtype or shape.
     """
-    out: Tensor = torch.ops.anynet.upsample_sum(list(maps), list(ratios), list(gains), side, height, width)
+    terms = list(maps), list(ratios), list(gains), side
+    if out is None:
+        result: Tensor = torch.ops.anynet.upsample_sum(*terms, height, width)
+        return result
+    if tuple(out.shape) != (height, width):
+        raise RuntimeError(f"upsample_sum: expected out of shape [{height}, {width}], got {list(out.shape)}")
+    torch.ops.anynet.upsample_sum.out(*terms, out=out)
     return out
 
 
@@ -90,6 +98,12 @@ def _fake_upsample_sum(
     return maps[0].new_empty(height, width)
 
 
+def _fake_upsample_sum_out(
+    maps: list[Tensor], ratios: list[int], gains: list[float], side: float, *, out: Tensor
+) -> None:
+    pass
+
+
 def _fake_upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:
     n, _, h, w = skip.shape
     return skip.new_empty(n, skip.shape[1] + coarse.shape[1], h, w)
@@ -100,5 +114,6 @@ def _fake_upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tens
 
 
 register_inference("upsample_sum", _fake_upsample_sum)
+register_fake("anynet::upsample_sum.out", _fake_upsample_sum_out)
 register_inference("upsample_concat", _fake_upsample_concat)
 register_inference("upsample_add", _fake_upsample_add)

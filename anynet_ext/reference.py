@@ -204,6 +204,7 @@ def upsample_sum(
     *,
     gains: Sequence[float] = (),
     side: float = 0.0,
+    out: Tensor | None = None,
 ) -> Tensor:
     """sum_i gains[i] * bilinear(maps[i]), cropped to height x width; the last map is smoothed first"""
     padded = F.pad(maps[-1][None, None], (1, 1, 1, 1), mode="replicate")[0, 0]
@@ -213,7 +214,7 @@ def upsample_sum(
         gain * F.interpolate(m[None, None], scale_factor=ratio, mode="bilinear")[0, 0, :height, :width]
         for m, ratio, gain in zip([*maps[:-1], smooth], ratios, gains or [1.0] * len(maps), strict=True)
     ]
-    return torch.stack(upsampled).sum(0)
+    return torch.sum(torch.stack(upsampled), 0, out=out)
 
 
 def upsample_concat(skip: Tensor, coarse: Tensor, scale: Tensor, shift: Tensor) -> Tensor:

@@ -242,8 +242,8 @@ def deployed_workloads() -> list[Workload]:
         deployed("conv3x3x3", "16 to 16, 12x24x78", lambda: (normal(1, 16, 12, 24, 78), normal(16, 16, 3, 3, 3)),
                  2 * 3 * (6 * 34) / (4 * 32)),
         deployed(
-            "conv_pair", "4 to 4 to 4, 5x96x312",
-            lambda: (normal(1, 4, 5, 96, 312), normal(4, 4, 3, 3, 3), normal(4), normal(4, 4, 3, 3, 3), normal(4)),
+            "conv_chain", "4 to 4 to 4, 5x96x312",
+            lambda: (normal(1, 4, 5, 96, 312), [normal(4, 4, 3, 3, 3)] * 2, [normal(4)] * 2),
             (12 * 20) / (8 * 16),
         ),
         deployed("fill_occlusions", "96x312", lambda: (normal(1, 1, 96, 312), 4.0)),

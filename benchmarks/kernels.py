@@ -173,10 +173,13 @@ def inference_workloads() -> list[Workload]:
     )
     volume = torch.randn(1, 8, 12, h // 4, w // 4), torch.randn(1, 8, 6, h // 8, w // 8)
     maps = [torch.randn(h >> i, w >> i) for i in (0, 1, 2)]
-    layer = torch.randn(4, 4, 3, 3, 3), torch.randn(4)
+    weight, bias = torch.randn(4, 4, 3, 3, 3), torch.randn(4)
     return [
         row(
-            "conv_pair", f"1x4 to 4 to 4x5x{h}x{w}", (torch.randn(1, 4, 5, h, w), *layer, *layer), 2 * 432 * 5 * pixels
+            "conv_chain",
+            f"1x4 to 4 to 4x5x{h}x{w}",
+            (torch.randn(1, 4, 5, h, w), [weight] * 2, [bias] * 2),
+            2 * 432 * 5 * pixels,
         ),
         row("stem", f"2x{4 * h}x{4 * w}", stem, 2 * pixels * (16 * 54 + 4 * 36)),
         row(

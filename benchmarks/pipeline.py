@@ -53,7 +53,7 @@ from torch.utils.flop_counter import flop_registry
 import anynet_ext
 from anynet import Predictor, load_checkpoint
 
-CONVOLUTIONS = tuple(f"anynet::{name}" for name in ("stem", "conv3x3", "conv3x3x3", "conv_pair"))
+CONVOLUTIONS = tuple(f"anynet::{name}" for name in ("stem", "conv3x3", "conv3x3x3", "conv_chain"))
 
 
 class Counter(TorchDispatchMode):

@@ -43,27 +43,29 @@ std::vector<int64_t> conv_out_sizes(const std::vector<int64_t>& sizes, int64_t o
   return result;
 }
 
-void check_conv_input(const Tensor& input, int64_t dimensions, int64_t stride) {
+void check_conv_input(const char* op, const Tensor& input, int64_t dimensions, int64_t stride) {
   bool sized = input.dim() == dimensions + 2 && input.size(1) >= 1 && input.size(1) <= conv_channels;
   for (int64_t i = 2; sized && i < input.dim(); ++i) sized = input.size(i) >= 1;
-  ANYNET_CHECK(sized, conv_name(dimensions), ": expected input of shape [N, C, ", dimensions == 3 ? "D, " : "",
-               "H, W] with C in 1..", conv_channels, " and at least one pixel, got ", shape(input));
-  ANYNET_CHECK(stride == 1 || stride == 2, conv_name(dimensions), ": expected stride 1 or 2, got ", stride);
+  ANYNET_CHECK(sized, op, ": expected input of shape [N, C, ", dimensions == 3 ? "D, " : "", "H, W] with C in 1..",
+               conv_channels, " and at least one pixel, got ", shape(input));
+  ANYNET_CHECK(stride == 1 || stride == 2, op, ": expected stride 1 or 2, got ", stride);
 }
 
-void check_conv_weight(const Tensor& weight, int64_t dimensions, int64_t in_channels) {
-  ANYNET_CHECK(is_conv_kernel(weight, dimensions) && weight.size(1) == in_channels, conv_name(dimensions),
-               ": expected weight of shape [O, ", in_channels, dimensions == 3 ? ", 3, 3, 3" : ", 3, 3",
-               "] with O in 1..", conv_channels, ", got ", shape(weight));
+void check_conv_weight(const char* op, const char* name, const Tensor& weight, int64_t dimensions, int64_t in_channels,
+                       const Tensor& input) {
+  ANYNET_CHECK(is_conv_kernel(weight, dimensions) && weight.size(1) == in_channels, op, ": expected ", name,
+               " of shape [O, ", in_channels, dimensions == 3 ? ", 3, 3, 3" : ", 3, 3", "] with O in 1..",
+               conv_channels, ", got ", shape(weight));
+  ANYNET_CHECK(weight.scalar_type() == input.scalar_type(), op, ": expected input and ", name, " of one dtype");
+  check_device(op, name, weight, input);
 }
 
-void check_conv_vector(const std::optional<Tensor>& vector, const char* name, int64_t dimensions, int64_t channels,
+void check_conv_vector(const char* op, const char* name, const std::optional<Tensor>& vector, int64_t channels,
                        const Tensor& input) {
   if (!vector) return;
-  ANYNET_CHECK(vector->dim() == 1 && vector->size(0) == channels && vector->scalar_type() == input.scalar_type(),
-               conv_name(dimensions), ": expected ", name, " of shape [", channels, "] and the input's dtype, got ",
-               shape(*vector));
-  check_device(conv_name(dimensions), name, *vector, input);
+  ANYNET_CHECK(vector->dim() == 1 && vector->size(0) == channels && vector->scalar_type() == input.scalar_type(), op,
+               ": expected ", name, " of shape [", channels, "] and the input's dtype, got ", shape(*vector));
+  check_device(op, name, *vector, input);
 }
 
 template <class T>
@@ -78,20 +80,17 @@ std::optional<Tensor> contiguous_or_none(const std::optional<Tensor>& t) {
 template <int64_t dimensions>
 Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bias, std::optional<Tensor> scale,
             std::optional<Tensor> shift, int64_t stride, bool relu_in, bool relu_out) {
-  const ScalarType dtype = input.scalar_type();
-  check_conv_input(input, dimensions, stride);
-  check_conv_weight(weight, dimensions, input.size(1));
-  ANYNET_CHECK(weight.scalar_type() == dtype, conv_name(dimensions), ": input and weight must have one dtype");
-  check_device(conv_name(dimensions), "weight", weight, input);
-  check_conv_vector(bias, "bias", dimensions, weight.size(0), input);
-  check_conv_vector(scale, "scale", dimensions, input.size(1), input);
-  check_conv_vector(shift, "shift", dimensions, input.size(1), input);
-  ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),
-               ": expected both or none of scale and shift");
+  const char* op = conv_name(dimensions);
+  check_conv_input(op, input, dimensions, stride);
+  check_conv_weight(op, "weight", weight, dimensions, input.size(1), input);
+  check_conv_vector(op, "bias", bias, weight.size(0), input);
+  check_conv_vector(op, "scale", scale, input.size(1), input);
+  check_conv_vector(op, "shift", shift, input.size(1), input);
+  ANYNET_CHECK(scale.has_value() == shift.has_value(), op, ": expected both or none of scale and shift");
   const Tensor x = make_contiguous(input), w = make_contiguous(weight);
   const auto b = contiguous_or_none(bias), s = contiguous_or_none(scale), t = contiguous_or_none(shift);
   Tensor out = new_tensor(input, conv_out_sizes(sizes(input), weight.size(0), stride));
-  dispatch_wide(dtype, conv_name(dimensions), [&](auto element) {
+  dispatch_wide(input.scalar_type(), op, [&](auto element) {
     using T = decltype(element);
     const Conv<T> args{conv_shape(sizes(input), weight.size(0), stride),
                        data<T>(x),
@@ -130,18 +129,18 @@ std::optional<Tensor> conv_pair(const Tensor& input, const Tensor* weights, cons
 
 Tensor conv_chain(const Tensor& input, const std::vector<Tensor>& weights,
                   const std::vector<std::optional<Tensor>>& biases, bool relu_out) {
+  const char* op = "conv_chain";
   const int64_t dimensions = input.dim() == 5 ? 3 : 2;
   const size_t layers = weights.size();
-  ANYNET_CHECK(layers > 0 && biases.size() == layers,
-               "conv_chain: expected at least one weight and as many biases, got ", layers, " and ", biases.size());
-  check_contiguous("conv_chain", "input", input, dimensions + 2);
-  check_conv_input(input, dimensions, 1);
+  ANYNET_CHECK(layers > 0 && biases.size() == layers, op, ": expected at least one weight and as many biases, got ",
+               layers, " and ", biases.size());
+  check_contiguous(op, "input", input, dimensions + 2);
+  check_conv_input(op, input, dimensions, 1);
   for (size_t i = 0; i < layers; ++i) {
-    check_contiguous("conv_chain", "weights", weights[i], dimensions + 2);
-    check_conv_weight(weights[i], dimensions, i == 0 ? input.size(1) : weights[i - 1].size(0));
-    check_device("conv_chain", "weights", weights[i], input);
-    if (biases[i]) check_contiguous("conv_chain", "biases", *biases[i], 1);
-    check_conv_vector(biases[i], "biases", dimensions, weights[i].size(0), input);
+    check_conv_weight(op, "weights", weights[i], dimensions, i == 0 ? input.size(1) : weights[i - 1].size(0), input);
+    check_contiguous(op, "weights", weights[i], dimensions + 2);
+    check_conv_vector(op, "biases", biases[i], weights[i].size(0), input);
+    if (biases[i]) check_contiguous(op, "biases", *biases[i], 1);
   }
   Tensor x = input;
   for (size_t i = 0; i < layers; ++i) {
@@ -165,8 +164,8 @@ template <int64_t dimensions>
 Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::optional<Tensor> before,
                            std::vector<int64_t> input_size, int64_t stride) {
   Tensor grad_input = new_tensor(grad, input_size);
-  check_conv_input(grad_input, dimensions, stride);
-  check_conv_weight(weight, dimensions, input_size[1]);
+  check_conv_input(conv_name(dimensions), grad_input, dimensions, stride);
+  check_conv_weight(conv_name(dimensions), "weight", weight, dimensions, input_size[1], grad);
   ANYNET_CHECK(
       sizes(grad) == conv_out_sizes(input_size, weight.size(0), stride) && grad.scalar_type() == weight.scalar_type(),
       conv_name(dimensions), ": expected grad of the output's shape and dtype, got ", shape(grad));
@@ -186,14 +185,15 @@ Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::option
 template <int64_t dimensions>
 std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor& input, std::optional<Tensor> scale,
                                                 std::optional<Tensor> shift, int64_t stride, bool relu_in) {
-  check_conv_input(input, dimensions, stride);
+  const char* op = conv_name(dimensions);
+  check_conv_input(op, input, dimensions, stride);
   ANYNET_CHECK(grad.dim() == input.dim() && grad.size(1) <= conv_channels &&
                    sizes(grad) == conv_out_sizes(sizes(input), grad.size(1), stride) &&
                    grad.scalar_type() == input.scalar_type(),
                conv_name(dimensions), ": expected grad of the output's shape and dtype for input ", shape(input),
                ", got ", shape(grad));
-  check_conv_vector(scale, "scale", dimensions, input.size(1), input);
-  check_conv_vector(shift, "shift", dimensions, input.size(1), input);
+  check_conv_vector(op, "scale", scale, input.size(1), input);
+  check_conv_vector(op, "shift", shift, input.size(1), input);
   ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),
                ": expected both or none of scale and shift");
   const Tensor g = make_contiguous(grad), x = make_contiguous(input);

@@ -7,8 +7,9 @@
 namespace anynet::ops {
 namespace {
 
-Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>& ratios,
-                    const std::vector<double>& gains, double side, int64_t height, int64_t width) {
+/// Of a result of that size, which is not there yet.
+UpsampleSum<float> sum_args(const std::vector<Tensor>& maps, const std::vector<int64_t>& ratios,
+                            const std::vector<double>& gains, double side, int64_t height, int64_t width) {
   ANYNET_CHECK(!maps.empty() && maps.size() <= max_maps && maps.size() == ratios.size() &&
                    (gains.empty() || maps.size() == gains.size()),
                "upsample_sum: expected 1 to ", max_maps, " maps, as many ratios, and as many gains or none, got ",
@@ -34,13 +35,28 @@ Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>&
     args.ratio[i] = ratios[i];
     args.gain[i] = gains.empty() ? 1 : static_cast<float>(gains[i]);
   }
-  Tensor out = new_tensor(maps[0], {height, width});
   args.side = static_cast<float>(side);
   args.out_height = height;
   args.out_width = width;
+  return args;
+}
+
+Tensor upsample_sum(const std::vector<Tensor>& maps, const std::vector<int64_t>& ratios,
+                    const std::vector<double>& gains, double side, int64_t height, int64_t width) {
+  UpsampleSum<float> args = sum_args(maps, ratios, gains, side, height, width);
+  Tensor out = new_tensor(maps[0], {height, width});
   args.out = data<float>(out);
   ANYNET_RUN(upsample_sum, args, out);
   return out;
+}
+
+void upsample_sum_out(const std::vector<Tensor>& maps, const std::vector<int64_t>& ratios,
+                      const std::vector<double>& gains, double side, const Tensor& out) {
+  check_contiguous("upsample_sum", "out", out, 2);
+  UpsampleSum<float> args = sum_args(maps, ratios, gains, side, out.size(0), out.size(1));
+  check_device("upsample_sum", "out", out, maps[0]);
+  args.out = data<float>(out);
+  ANYNET_RUN(upsample_sum, args, out);
 }
 
 Tensor upsample_concat(const Tensor& skip, const Tensor& coarse, const Tensor& scale, const Tensor& shift) {
@@ -85,6 +101,8 @@ Tensor upsample_add(const Tensor& input, const Tensor& coarse, const Tensor& sca
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   ANYNET_SCHEMA(
       m, "upsample_sum(Tensor[] maps, int[] ratios, float[] gains, float side, SymInt height, SymInt width) -> Tensor");
+  ANYNET_SCHEMA(
+      m, "upsample_sum.out(Tensor[] maps, int[] ratios, float[] gains, float side, *, Tensor(a!) out) -> ()");
   ANYNET_SCHEMA(m, "upsample_concat(Tensor skip, Tensor coarse, Tensor scale, Tensor shift) -> Tensor");
   ANYNET_SCHEMA(m, "upsample_add(Tensor input, Tensor coarse, Tensor scale, Tensor shift) -> Tensor");
 }
@@ -92,6 +110,7 @@ STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
 
 STABLE_TORCH_LIBRARY_IMPL(ANYNET_NAMESPACE, ANYNET_DISPATCH_KEY, m) {
   m.impl("upsample_sum", TORCH_BOX(&upsample_sum));
+  m.impl("upsample_sum.out", TORCH_BOX(&upsample_sum_out));
   m.impl("upsample_concat", TORCH_BOX(&upsample_concat));
   m.impl("upsample_add", TORCH_BOX(&upsample_add));
 }

@@ -64,7 +64,8 @@ class Frame:
             images = self._zoomed(images[0]), self._zoomed(images[1])
         if self._mirrored:
             images = _mirror(images)
-        images = images[0].to(self._device), images[1].to(self._device)
+        if self._as_arrays and self._device.type != "cpu":
+            images = images[0].to(self._device), images[1].to(self._device)
         self._images, self._pixel = images, self._size[1] / images[0].shape[1]
         views = [images, _mirror(images)] if self._left_right else [images]
         steps = zip(*[self._network.stages(*view) for view in views], strict=True)
@@ -72,7 +73,10 @@ class Frame:
 
     def maps(self, stage: int, result: StageResult, other: StageResult | None) -> Maps:
         """The results when they are there, in memory of their own."""
-        disparity = result()
+        array = None
+        if self._as_arrays and self._device.type == "cpu":
+            array = np.empty(self._images[0].shape[:2], np.float32)
+        disparity = result(None if array is None else torch.from_numpy(array))
         trust: dict[str, Any] = {}
         if self._model is not None:
             evidence = gather_evidence(self._network, result, *self._images, self._pixel)
@@ -86,7 +90,9 @@ class Frame:
                 difference = difference.abs()
             trust["confidence"] = self._resized(self._model.probability(stage, evidence, size, difference))
             trust["occluded"] = self._resized(hidden) > HIDDEN
-        maps = Maps(self._resized(disparity, self._pixel), trust)
+        if array is None or self._mirrored or array.shape != tuple(self._size):
+            array = self._resized(disparity, self._pixel)
+        maps = Maps(array, trust)
         if self._device.type == "cuda":
             torch.cuda.current_stream(self._device).synchronize()
         return maps
@@ -142,7 +148,12 @@ def check_images(left: Image, right: Image, device: torch.device | None = None) 
         return left.detach().contiguous(), right.detach().contiguous()
     if isinstance(left, Tensor) or isinstance(right, Tensor):
         raise AnyNetError("expected two arrays or two tensors, got one of each")
-    # PyTorch warns about arrays that are read-only, and cannot take negative strides.
-    arrays = (np.require(image, requirements=["C", "W"]) for image in (left, right))
-    first, second = (torch.from_numpy(array) for array in arrays)
-    return first, second
+    return _as_tensor(left), _as_tensor(right)
+
+
+def _as_tensor(array: NDArray[np.uint8]) -> Tensor:
+    """PyTorch warns about arrays that are read-only, and cannot take negative strides."""
+    flags = array.flags
+    return torch.from_numpy(
+        array if flags.c_contiguous and flags.writeable else np.require(array, requirements=["C", "W"])
+    )

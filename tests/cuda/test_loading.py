@@ -15,7 +15,7 @@ INFERENCE = [
     "candidate_costs",
     "conv3x3",
     "conv3x3x3",
-    "conv_pair",
+    "conv_chain",
     "convex_upsampling",
     "cost_volume_affine_relu",
     "expected_disparity",

@@ -21,7 +21,7 @@ SHAPES = {
     "conv3x3x3": "NCDHW KC333 K C C",
     "conv3x3x3_backward_input": "NKDHW KC333 NCDHW",
     "conv3x3x3_backward_weight": "NKDHW NCDHW C C",
-    "conv_pair": "NCHW KC33 K DK33 D",
+    "conv_chain": "NCHW CC33 C",
     "convex_upsampling": "N1HW N(32)HW",
     "cost_volume": "NCHW NCHW N1HW",
     "cost_volume_affine_relu": "NCHW NCHW N1HW 1 1",
@@ -40,7 +40,7 @@ SHAPES = {
     "stem": "HW3 HW3 3 C333 C CC33 C C",
     "upsample_add": "NCDHW NCDhw C C",
     "upsample_concat": "NCHW NKhw (C+K) (C+K)",
-    "upsample_sum": "HW",
+    "upsample_sum": "HW HW",
     "warp": "NCHW N1HW",
     "warp_backward": "NCHW NCHW N1HW",
 }
@@ -88,7 +88,19 @@ def operators() -> list[tuple[str, Any, Callable[..., Any]]]:
 
     schemas = [schema for schema in torch._C._jit_get_all_schemas() if schema.name.startswith("anynet::")]
     named = [(schema.name.removeprefix("anynet::"), schema) for schema in sorted(schemas, key=lambda one: one.name)]
-    return [(name, schema, getattr(torch.ops.anynet, name).default) for name, schema in named]
+    return [(name, schema, _overload(getattr(torch.ops.anynet, name), schema)) for name, schema in named]
+
+
+def _overload(packet: Any, schema: Any) -> Callable[..., Any]:
+    """The operator of this schema, all of whose arguments go by position."""
+    overload = getattr(packet, schema.overload_name or "default")
+    by_position = sum(not argument.kwarg_only for argument in schema.arguments)
+    by_name = [argument.name for argument in schema.arguments[by_position:]]
+
+    def call(*arguments: Any) -> Any:
+        return overload(*arguments[:by_position], **dict(zip(by_name, arguments[by_position:], strict=True)))
+
+    return call
 
 
 def _argument(name: str, argument: Any, shapes: Any, sizes: dict[str, int], dtype: Any, random: Random) -> Any:

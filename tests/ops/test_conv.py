@@ -1,9 +1,9 @@
-"""conv3x3 and conv3x3x3 against PyTorch's convolutions."""
+"""conv3x3, conv3x3x3 and conv_chain against PyTorch's convolutions."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise, product
 from typing import Any, ClassVar
 
 import numpy as np
@@ -103,7 +103,7 @@ def test_tiny_images(sizes: tuple[int, ...], stride: int) -> None:
 
 
 @pytest.mark.parametrize("dimensions", [2, 3])
-@pytest.mark.parametrize(("bias", "affine", "relu_in", "relu_out"), list(itertools.product([False, True], repeat=4)))
+@pytest.mark.parametrize(("bias", "affine", "relu_in", "relu_out"), list(product([False, True], repeat=4)))
 def test_every_combination(dimensions: int, bias: bool, affine: bool, relu_in: bool, relu_out: bool) -> None:
     tensors = make((3, 5, 19)[-dimensions:], (3, 6), bias=bias, affine=affine)
     for stride in (1, 2):
@@ -369,39 +369,44 @@ def test_cuda_of_an_empty_batch(cuda: Any) -> None:
     assert operator(input, weight, None, None, None, 1, False, False).shape == (0, 2, 4, 5)
 
 
-def pair_call(sizes: tuple[int, ...], channels: tuple[int, int, int], bias: bool, relu_out: bool) -> Callable[[], Any]:
+def chain_call(sizes: tuple[int, ...], channels: Sequence[int], bias: bool, relu_out: bool) -> Callable[[], Any]:
     def make() -> tuple[tuple[Any, ...], dict[str, Any]]:
-        c, m, o = channels
-        kernel = [3] * len(sizes)
-        first, second = normal(m, c, *kernel) / (c * 9) ** 0.5, normal(o, m, *kernel) / (m * 9) ** 0.5
-        return call(
-            normal(2, c, *sizes), first, normal(m) if bias else None, second, normal(o) if bias else None,
-            relu_out=relu_out,
-        )  # fmt: skip
+        layers = list(pairwise(channels))
+        weights = [normal(o, i, *[3] * len(sizes)) / (i * 3 ** len(sizes)) ** 0.5 for i, o in layers]
+        biases = [normal(o) if bias == (i % 2 == 0) else None for i, (_, o) in enumerate(layers)]
+        return call(normal(2, channels[0], *sizes), weights, biases, relu_out=relu_out)
 
     return make
 
 
-PAIR = pair_call((4, 5), (2, 3, 2), True, False)()[0]
+INPUT, WEIGHTS, BIASES = chain_call((4, 5), (2, 3, 2), True, False)()[0]
 
 
-class TestConvPair(InferenceOperator):
-    op = "conv_pair"
+class TestConvChain(InferenceOperator):
+    op = "conv_chain"
     cases: ClassVar = {
-        f"{sizes}-{channels}-{bias}": pair_call(sizes, channels, bias, not bias)
+        f"{sizes}-{channels}-{bias}": chain_call(sizes, channels, bias, not bias)
         for sizes in [(5, 6), (1, 1), (2, 3, 5), (19, 34), (1, 1, 1), (5, 9, 33)]
-        for channels in [(2, 3, 2), (1, 4, 1), (5, 8, 6), (4, 4, 4), (40, 30, 3)]  # those of the last are not fused
+        for channels in [(2, 3, 2), (3, 2), (1, 4, 1), (5, 8, 6, 7), (4, 4, 4, 4, 4, 1), (40, 30, 3)]
         for bias in (True, False)
     }
     errors: ClassVar = [
-        (lambda: call(PAIR[0][0], *PAIR[1:]), r"input as contiguous float32 tensor of 4 dimensions, got \[2, 4, 5\]"),
         (
-            lambda: call(PAIR[0], normal(3, 1, 3, 3), *PAIR[2:]),
-            r"weight_first of shape \[3, 2, 3, 3\], got \[3, 1, 3, 3\]",
+            lambda: call(INPUT[0], WEIGHTS, BIASES),
+            r"input as contiguous float32 tensor of 4 dimensions, got \[2, 4, 5\]",
         ),
-        (lambda: call(*PAIR[:3], normal(2, 2, 3, 3), PAIR[4]), r"weight_second of shape \[2, 3, 3, 3\]"),
-        (lambda: call(*PAIR[:2], normal(2), *PAIR[3:]), r"bias_first of shape \[3\], got \[2\]"),
-        (lambda: call(*PAIR[:4], normal(3)), r"bias_second of shape \[2\], got \[3\]"),
-        (lambda: call(normal(2, 2, 0, 5), *PAIR[1:]), "at least one pixel"),
+        (
+            lambda: call(INPUT, [normal(3, 1, 3, 3), WEIGHTS[1]], BIASES),
+            r"weights of shape \[O, 2, 3, 3\] .*\[3, 1, 3, 3\]",
+        ),
+        (
+            lambda: call(INPUT, [WEIGHTS[0], normal(2, 2, 3, 3)], BIASES),
+            r"weights of shape \[O, 3, 3, 3\] .*\[2, 2, 3, 3\]",
+        ),
+        (lambda: call(INPUT, WEIGHTS, [normal(2), None]), r"biases of shape \[3\] .* got \[2\]"),
+        (lambda: call(INPUT, WEIGHTS, [None, normal(3)]), r"biases of shape \[2\] .* got \[3\]"),
+        (lambda: call(INPUT, WEIGHTS, BIASES[:1]), "at least one weight and as many biases, got 2 and 1"),
+        (lambda: call(INPUT, [], []), "at least one weight and as many biases, got 0 and 0"),
+        (lambda: call(normal(2, 2, 0, 5), WEIGHTS, BIASES), "at least one pixel"),
     ]
-    test_every_instruction_set_equals_reference = None  # it is two convolutions on the CPU
+    test_every_instruction_set_equals_reference = None  # it is conv3x3 and conv3x3x3 on the CPU

@@ -9,6 +9,7 @@ import torch
 from inference_operator import Call, InferenceOperator, call, random
 
 import anynet_ext
+from anynet_ext import reference
 
 RATIOS = [16, 8, 4, 2, 1]
 
@@ -51,6 +52,19 @@ class TestUpsampleSum(InferenceOperator):
         (lambda: call([random(2, 2)], [2**62], 2**40, 1), "at most 2\\^30 along each side, got 1099511627776 x 1"),
         (lambda: call([random(2, 0)], [2**62], 1, 1), r"maps that cover 1 x 1, got \[2, 0\]"),
     ]
+
+
+def test_a_sum_into_memory_that_is_given() -> None:
+    args, options = TestUpsampleSum.cases["5x37-3"]()
+    expected = anynet_ext.upsample_sum(*args, **options)
+    for module in (reference, anynet_ext):
+        out = torch.full_like(expected, torch.nan)
+        assert module.upsample_sum(*args, **options, out=out) is out
+        torch.testing.assert_close(out, expected, **TestUpsampleSum.tolerance)
+    assert torch.equal(out, expected)
+    for wrong in (out.double(), out.t().contiguous().t(), out[None], out.to("meta")):
+        with pytest.raises(RuntimeError, match=r"upsample_sum.*: expected (out|all tensors on one device)"):
+            anynet_ext.upsample_sum(*args, **options, out=wrong)
 
 
 @pytest.mark.parametrize("ratio", [2**40, 2**62])

@@ -9,7 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from anynet.model.layers import Affine, DeployedConvolution, DeployedExcitation, PreActivation, affine_of
+from anynet.model.layers import Affine, Deployed, DeployedConvolution, DeployedExcitation, PreActivation, affine_of
 from anynet_ext import resize
 
 _ops = torch.ops.anynet
@@ -42,7 +42,7 @@ class Hourglass(nn.Module):
         return DeployedHourglass(deploy_chain([self.down, *self.inner, self.up]), affine_out)
 
 
-class DeployedHourglass(nn.Module):
+class DeployedHourglass(Deployed):
     """relu(scale (x + what its layers say, enlarged) + shift)."""
 
     def __init__(self, layers: nn.ModuleList, affine: Affine) -> None:
@@ -50,7 +50,7 @@ class DeployedHourglass(nn.Module):
         self.layers, self.add = layers, DeployedUpsampleAdd(affine)
 
     def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
-        out: Tensor = self.add(x, run(self.layers, x, _halved(guide)))
+        out: Tensor = self.add(x, run(self.layers, x, None if guide is None else block_means(guide[0], 2)[None]))
         return out
 
 
@@ -62,6 +62,18 @@ def _halved(guide: Tensor | None) -> Tensor | None:
     return None if guide is None else F.avg_pool2d(F.pad(guide, (0, 1, 0, 1), "replicate"), 2)
 
 
+def block_means(x: Tensor, side: int) -> Tensor:
+    """[..., ceil(h / side), ceil(w / side)], of [..., h, w] and a power of two; several times as fast as a pooling."""
+    while side > 1:
+        side //= 2
+        height, width = x.shape[-2:]
+        if height % 2 or width % 2:
+            x = F.pad(x[None], (0, width % 2, 0, height % 2), mode="replicate")[0]
+        rows = x[..., 0::2, :] + x[..., 1::2, :]
+        x = (rows[..., 0::2] + rows[..., 1::2]).mul_(0.25)
+    return x
+
+
 def upsample_add(x: Tensor, coarse: Tensor) -> Tensor:
     """`x` [N, C, (D,) H, W] plus the volume or picture [N, C, (d,) h, w], linear, in its size."""
     if x.dim() == 4:
@@ -71,7 +83,7 @@ def upsample_add(x: Tensor, coarse: Tensor) -> Tensor:
     return resize(planes, (depth, height * width), add=x.view(n, c, depth, -1)).view_as(x)
 
 
-class DeployedUpsampleAdd(nn.Module):
+class DeployedUpsampleAdd(Deployed):
     """relu(scale `upsample_add(x, coarse)` + shift)."""
 
     scale: Tensor
@@ -119,7 +131,7 @@ def deploy_chain(layers: Sequence[nn.Module], *, activated: bool = False) -> nn.
     return in_chains(deployed)
 
 
-class DeployedChain(nn.Module):
+class DeployedChain(Deployed):
     """Convolutions one after another, in one operator, as long as all of them are computed by ours."""
 
     def __init__(self, layers: Sequence[DeployedConvolution]) -> None:
@@ -142,8 +154,6 @@ class DeployedChain(nn.Module):
         weights, biases = [own["weight"] for own in self._tensors], [own["bias"] for own in self._tensors]
         out: Tensor = _ops.conv_chain.default(x, weights, biases, self._relu_out)
         return out
-
-    __call__ = forward
 
 
 def in_chains(layers: Iterable[nn.Module]) -> nn.ModuleList:

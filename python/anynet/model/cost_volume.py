@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from anynet.model.chains import Hourglass
-from anynet.model.layers import Affine, PreActivation
+from anynet.model.layers import Affine, Deployed, PreActivation
 from anynet_ext import cost_volume, warp
 
 _ops = torch.ops.anynet
@@ -38,7 +38,7 @@ def _concatenated(features: Tensor, disparity: Tensor | None, first: int, last: 
     return torch.stack(pairs, 2)
 
 
-class DeployedCostVolume(nn.Module):
+class DeployedCostVolume(Deployed):
     """The same of one pair, through the norm (an affine) and ReLU of the layer after it."""
 
     def __init__(self, groups: int, first: int, last: int, affine: Affine) -> None:
@@ -54,9 +54,11 @@ class DeployedCostVolume(nn.Module):
             shape = (-1, 1, 1, 1)
             volume = _concatenated(features, disparity, self.first, self.last)
             return torch.addcmul(self.shift.view(shape), volume, self.scale.view(shape)).relu_()
-        left, right = features.view(2, self.groups, -1, *features.shape[2:]).unbind()
-        if disparity is not None:
-            disparity = disparity.expand(self.groups, -1, -1, -1)
+        if self.groups == 1:
+            left, right = features.chunk(2)
+        else:  # the groups of a pair's channels go as so many pairs
+            left, right = features.view(2, self.groups, -1, *features.shape[2:]).unbind()
+            disparity = None if disparity is None else disparity.expand(self.groups, -1, -1, -1)
         out: Tensor = _ops.cost_volume_affine_relu.default(
             left, right, disparity, self.first, self.last, self.scale, self.shift
         )

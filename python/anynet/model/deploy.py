@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from itertools import islice
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from anynet.model.anynet import AnyNet
-from anynet.model.chains import DeployedChain
+from anynet.model.chains import DeployedChain, block_means
 from anynet.model.cost_volume import Distribution
 from anynet.model.layers import DeployedConvolution
 
@@ -37,8 +36,12 @@ class StageResult:
     spread: tuple[Distribution, int] | None
     before: StageResult | None
 
-    def __call__(self) -> Tensor:
-        return self.at(1, self.size)
+    def __call__(self, out: Tensor | None = None) -> Tensor:
+        """Written to `out`, if it is given."""
+        if out is None:
+            return self.at(1, self.size)
+        _ops.upsample_sum.out(self.maps, self.scales, self.gains, 0.0, out=out)
+        return out
 
     def at(self, scale: int, size: Sequence[int]) -> Tensor:
         """The disparity, in pixels of the images, at a resolution of one pixel per `scale` of theirs."""
@@ -119,18 +122,6 @@ def sum_at(
     """[h, w]: the sum of the maps times their gains, each enlarged by its ratio; see `anynet_ext.upsample_sum`."""
     out: Tensor = _ops.upsample_sum.default(maps, ratios, list(gains), side, *size)
     return out
-
-
-def block_means(x: Tensor, side: int) -> Tensor:
-    """[..., ceil(h / side), ceil(w / side)], of [..., h, w] and a power of two; several times as fast as a pooling."""
-    while side > 1:
-        side //= 2
-        height, width = x.shape[-2:]
-        if height % 2 or width % 2:
-            x = F.pad(x[None], (0, width % 2, 0, height % 2), mode="replicate")[0]
-        rows = x[..., 0::2, :] + x[..., 1::2, :]
-        x = (rows[..., 0::2] + rows[..., 1::2]).mul_(0.25)
-    return x
 
 
 def _reduced(maps: list[Tensor], gains: list[float], scales: list[int], scale: int, size: Sequence[int]) -> Tensor:

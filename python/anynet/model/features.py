@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -10,7 +11,7 @@ from torch import Tensor, nn
 
 from anynet.model.chains import chain, deploy_chain, run
 from anynet.model.config import MEAN, STD, FeaturesConfig
-from anynet.model.layers import Convolution, PreActivation, affine_of
+from anynet.model.layers import Convolution, Deployed, PreActivation, affine_of
 from anynet_ext import resize
 
 _ops = torch.ops.anynet
@@ -87,7 +88,7 @@ class SeparateFeatures(nn.Module):
         return DeployedSeparateFeatures(self, enlargement, stride)
 
 
-class DeployedSeparateFeatures(nn.Module):
+class DeployedSeparateFeatures(Deployed):
     """The same on images in bytes."""
 
     def __init__(self, features: SeparateFeatures, enlargement: int, stride: int) -> None:
@@ -107,7 +108,7 @@ class DeployedSeparateFeatures(nn.Module):
             yield run(block, encoder.encode(left, right)[-1])  # type: ignore[operator,arg-type]
 
 
-class DeployedUNet(nn.Module):
+class DeployedUNet(Deployed):
     """The same on images in bytes."""
 
     def __init__(self, unet: UNet, enlargement: int, multiple: int) -> None:
@@ -130,7 +131,8 @@ class DeployedUNet(nn.Module):
                 self.register_buffer(f"{part}_shift_{i}", shift)
 
     def _affine(self, part: str, i: int) -> tuple[Tensor, Tensor]:
-        return getattr(self, f"{part}_scale_{i}"), getattr(self, f"{part}_shift_{i}")
+        own: dict[str, Any] = self._buffers
+        return own[f"{part}_scale_{i}"], own[f"{part}_shift_{i}"]
 
     def encode(self, left: Tensor, right: Tensor) -> list[Tensor]:
         """Of uint8 RGB [H, W, 3]: [2, C, h, w] of the left image and the right one, finest first."""

@@ -14,7 +14,7 @@ from anynet.model.cost_volume import (
     cost_network,
     group_cost_volume,
 )
-from anynet.model.layers import PreActivation, affine_of
+from anynet.model.layers import Deployed, PreActivation, affine_of
 from anynet_ext import soft_argmin
 
 _ops = torch.ops.anynet
@@ -33,7 +33,7 @@ class FirstStage(nn.Module):
     def __init__(self, config: AnyNetConfig) -> None:
         super().__init__()
         c = config.first_stage
-        self.groups, self.range = config.groups, c.range
+        self.groups, self.range, self.guided = config.groups, c.range, c.excitation
         guide = config.features.widths[-1] if c.excitation else 0
         inputs = config.groups or 2 * config.features.widths[-1]
         self.network = cost_network(inputs, c.channels, c.layers, c.hourglass, guide)
@@ -61,7 +61,7 @@ class FirstStage(nn.Module):
         return DeployedFirstStage(self)
 
 
-class DeployedFirstStage(nn.Module):
+class DeployedFirstStage(Deployed):
     """The same of one pair, [2, C, h, w]."""
 
     finer = 1
@@ -71,6 +71,7 @@ class DeployedFirstStage(nn.Module):
         begin, *rest = stage.network
         assert isinstance(begin, PreActivation)
         self.first, last = stage.range
+        self.guided = stage.guided
         self.volume = DeployedCostVolume(stage.groups, self.first, last, affine_of(begin.norm))
         self.fine_volume: DeployedCostVolume | None = None
         self.fine_costs: nn.Module | None = None
@@ -91,9 +92,9 @@ class DeployedFirstStage(nn.Module):
         x = begin(self.volume(features))
         if self.fine_costs is not None and self.fine_volume is not None:
             x.add_(self.fine_costs(self.fine_volume(finer))).relu_()
-        cost = run(rest, x, features[:1])
-        out: Tensor = _ops.soft_argmin.default(cost[:, 0], self.first)
-        return out, Distribution(cost[:, 0], self.first)
+        cost = run(rest, x, features[:1] if self.guided else None)[0]
+        out: Tensor = _ops.soft_argmin.default(cost, self.first)
+        return out, Distribution(cost, self.first)
 
 
 class FlatFirstStage(nn.Module):
@@ -143,7 +144,7 @@ class FlatFirstStage(nn.Module):
         return DeployedFlatFirstStage(self)
 
 
-class DeployedFlatFirstStage(nn.Module):
+class DeployedFlatFirstStage(Deployed):
     """The same of one pair, [2, C, h, w]."""
 
     finer = 2

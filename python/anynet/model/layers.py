@@ -59,7 +59,15 @@ def few_channels(weight: Tensor) -> bool:
     return outputs <= 32 and inputs <= 64
 
 
-class DeployedConvolution(nn.Module):
+class Deployed(nn.Module):
+    """A part of the deployed network. Calling it is its `forward`: a frame has dozens of them, and none has hooks."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.__call__ = cls.forward  # type: ignore[method-assign]
+
+
+class DeployedConvolution(Deployed):
     """relu_out(weight * relu(scale x + shift) + bias), in one operator."""
 
     weight: Tensor
@@ -103,8 +111,6 @@ class DeployedConvolution(nn.Module):
         result: Tensor = op(x, weight, bias, scale, shift, self._stride, self._relu_in, self._relu_out)
         return result
 
-    __call__ = forward  # there are dozens of them in a frame, and none has hooks
-
 
 def _channels_last(x: Tensor) -> torch.memory_format:
     """The layout that tensor cores take."""
@@ -143,7 +149,7 @@ class PreActivation(nn.Module):
         return DeployedExcitation(self.excitation.deploy(), conv)
 
 
-class DeployedExcitation(nn.Module):
+class DeployedExcitation(Deployed):
     """A convolution whose input, already activated, is weighed first, in place: it is nobody else's.
 
     By half of what it is to be weighed; the convolution's weights are twice what they were.

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from anynet.model.chains import chain, deploy_chain, run
 from anynet.model.config import AnyNetConfig
 from anynet.model.cost_volume import DeployedCostVolume, Distribution, begin_undecided, cost_network, group_cost_volume
-from anynet.model.layers import DeployedConvolution, PreActivation, affine_of
+from anynet.model.layers import Deployed, DeployedConvolution, PreActivation, affine_of
 from anynet_ext import cost_volume, reference, soft_argmin
 
 _ops = torch.ops.anynet
@@ -47,7 +47,7 @@ class ResidualStage(nn.Module):
         return DeployedResidualStage(self)
 
 
-class DeployedResidualStage(nn.Module):
+class DeployedResidualStage(Deployed):
     """The same of one pair. The reverse search is the plain one mirrored: range, kernels, and the result's sign."""
 
     replaces = False
@@ -67,7 +67,7 @@ class DeployedResidualStage(nn.Module):
                     part.weight = torch.flip(part.weight, (2,))
 
     def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
-        cost = run(self.layers, self.volume(features, disparity))[:, 0]
+        cost = run(self.layers, self.volume(features, disparity))[0]
         out: Tensor = _ops.soft_argmin.default(cost, self.first)
         return out.neg_() if self.sign < 0 else out, Distribution(cost, self.first)
 
@@ -95,7 +95,7 @@ class FullRangeStage(nn.Module):
         return DeployedFullRangeStage(self)
 
 
-class DeployedFullRangeStage(nn.Module):
+class DeployedFullRangeStage(Deployed):
     """The same of one pair."""
 
     replaces = True
@@ -109,7 +109,7 @@ class DeployedFullRangeStage(nn.Module):
         self.layers = deploy_chain(list(stage.network), activated=True)
 
     def forward(self, features: Tensor, disparity: Tensor) -> tuple[Tensor, Distribution]:
-        cost = run(self.layers, self.volume(features))[:, 0]
+        cost = run(self.layers, self.volume(features))[0]
         out: Tensor = _ops.soft_argmin.default(cost, self.first)
         return out, Distribution(cost, self.first)
 
@@ -145,7 +145,7 @@ class CandidateStage(nn.Module):
         return DeployedCandidateStage(self)
 
 
-class DeployedCandidateStage(nn.Module):
+class DeployedCandidateStage(Deployed):
     """The same of one pair."""
 
     replaces = True
