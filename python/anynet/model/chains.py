@@ -50,7 +50,7 @@ class DeployedHourglass(Deployed):
         self.layers, self.add = layers, DeployedUpsampleAdd(affine)
 
     def forward(self, x: Tensor, guide: Tensor | None = None) -> Tensor:
-        out: Tensor = self.add(x, run(self.layers, x, None if guide is None else block_means(guide[0], 2)[None]))
+        out: Tensor = self.add(x, run(self.layers, x, _halved(guide)))
         return out
 
 
@@ -60,18 +60,6 @@ def _halved(guide: Tensor | None) -> Tensor | None:
     `ceil_mode` would say the same, but `torch.export` cannot solve its guards for every size.
     """
     return None if guide is None else F.avg_pool2d(F.pad(guide, (0, 1, 0, 1), "replicate"), 2)
-
-
-def block_means(x: Tensor, side: int) -> Tensor:
-    """[..., ceil(h / side), ceil(w / side)], of [..., h, w] and a power of two; several times as fast as a pooling."""
-    while side > 1:
-        side //= 2
-        height, width = x.shape[-2:]
-        if height % 2 or width % 2:
-            x = F.pad(x[None], (0, width % 2, 0, height % 2), mode="replicate")[0]
-        rows = x[..., 0::2, :] + x[..., 1::2, :]
-        x = (rows[..., 0::2] + rows[..., 1::2]).mul_(0.25)
-    return x
 
 
 def upsample_add(x: Tensor, coarse: Tensor) -> Tensor:

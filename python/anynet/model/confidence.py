@@ -15,8 +15,7 @@ from torch import Tensor
 
 from anynet.errors import AnyNetError, one_line
 from anynet.io.files import read_text, write_atomically
-from anynet.model.chains import block_means
-from anynet.model.deploy import DeployedAnyNet, StageResult, sum_at
+from anynet.model.deploy import DeployedAnyNet, StageResult, block_means, sum_at
 from anynet.model.graphs import GraphedAnyNet
 from anynet.model.refinement import warped_difference
 from anynet_ext import reference

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from itertools import islice
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from anynet.model.anynet import AnyNet
-from anynet.model.chains import DeployedChain, block_means
+from anynet.model.chains import DeployedChain
 from anynet.model.cost_volume import Distribution
 from anynet.model.layers import DeployedConvolution
 
@@ -122,6 +123,18 @@ def sum_at(
     """[h, w]: the sum of the maps times their gains, each enlarged by its ratio; see `anynet_ext.upsample_sum`."""
     out: Tensor = _ops.upsample_sum.default(maps, ratios, list(gains), side, *size)
     return out
+
+
+def block_means(x: Tensor, side: int) -> Tensor:
+    """[..., ceil(h / side), ceil(w / side)], of [..., h, w] and a power of two; several times as fast as a pooling."""
+    while side > 1:
+        side //= 2
+        height, width = x.shape[-2:]
+        if height % 2 or width % 2:
+            x = F.pad(x[None], (0, width % 2, 0, height % 2), mode="replicate")[0]
+        rows = x[..., 0::2, :] + x[..., 1::2, :]
+        x = (rows[..., 0::2] + rows[..., 1::2]).mul_(0.25)
+    return x
 
 
 def _reduced(maps: list[Tensor], gains: list[float], scales: list[int], scale: int, size: Sequence[int]) -> Tensor:

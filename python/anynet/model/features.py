@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from anynet.model.chains import chain, deploy_chain, run
 from anynet.model.config import MEAN, STD, FeaturesConfig
-from anynet.model.layers import Convolution, Deployed, PreActivation, affine_of
+from anynet.model.layers import Convolution, PreActivation, affine_of
 from anynet_ext import resize
 
 _ops = torch.ops.anynet
@@ -88,7 +88,7 @@ class SeparateFeatures(nn.Module):
         return DeployedSeparateFeatures(self, enlargement, stride)
 
 
-class DeployedSeparateFeatures(Deployed):
+class DeployedSeparateFeatures(nn.Module):
     """The same on images in bytes."""
 
     def __init__(self, features: SeparateFeatures, enlargement: int, stride: int) -> None:
@@ -108,7 +108,7 @@ class DeployedSeparateFeatures(Deployed):
             yield run(block, encoder.encode(left, right)[-1])  # type: ignore[operator,arg-type]
 
 
-class DeployedUNet(Deployed):
+class DeployedUNet(nn.Module):
     """The same on images in bytes."""
 
     def __init__(self, unet: UNet, enlargement: int, multiple: int) -> None:

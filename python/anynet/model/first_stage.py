@@ -14,7 +14,7 @@ from anynet.model.cost_volume import (
     cost_network,
     group_cost_volume,
 )
-from anynet.model.layers import Deployed, PreActivation, affine_of
+from anynet.model.layers import PreActivation, affine_of
 from anynet_ext import soft_argmin
 
 _ops = torch.ops.anynet
@@ -61,7 +61,7 @@ class FirstStage(nn.Module):
         return DeployedFirstStage(self)
 
 
-class DeployedFirstStage(Deployed):
+class DeployedFirstStage(nn.Module):
     """The same of one pair, [2, C, h, w]."""
 
     finer = 1
@@ -144,7 +144,7 @@ class FlatFirstStage(nn.Module):
         return DeployedFlatFirstStage(self)
 
 
-class DeployedFlatFirstStage(Deployed):
+class DeployedFlatFirstStage(nn.Module):
     """The same of one pair, [2, C, h, w]."""
 
     finer = 2

@@ -60,7 +60,7 @@ def few_channels(weight: Tensor) -> bool:
 
 
 class Deployed(nn.Module):
-    """A part of the deployed network. Calling it is its `forward`: a frame has dozens of them, and none has hooks."""
+    """A layer of the deployed network. Calling it is its `forward`: a frame has dozens of them, and none has hooks."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

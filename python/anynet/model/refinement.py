@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from anynet.model.chains import in_chains, run
 from anynet.model.config import MEAN, STD, RefinementConfig
-from anynet.model.layers import Convolution, Deployed, init_normal
+from anynet.model.layers import Convolution, init_normal
 from anynet_ext import reference, resize, spatial_propagation, warp
 
 _ops = torch.ops.anynet
@@ -84,7 +84,7 @@ class Refinement(nn.Module):
         return DeployedRefinement(self)
 
 
-class DeployedRefinement(Deployed):
+class DeployedRefinement(nn.Module):
     """The same of one pair, on images in bytes."""
 
     def __init__(self, refinement: Refinement) -> None:

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from anynet.model.chains import chain, deploy_chain, run
 from anynet.model.config import AnyNetConfig
 from anynet.model.cost_volume import DeployedCostVolume, Distribution, begin_undecided, cost_network, group_cost_volume
-from anynet.model.layers import Deployed, DeployedConvolution, PreActivation, affine_of
+from anynet.model.layers import DeployedConvolution, PreActivation, affine_of
 from anynet_ext import cost_volume, reference, soft_argmin
 
 _ops = torch.ops.anynet
@@ -47,7 +47,7 @@ class ResidualStage(nn.Module):
         return DeployedResidualStage(self)
 
 
-class DeployedResidualStage(Deployed):
+class DeployedResidualStage(nn.Module):
     """The same of one pair. The reverse search is the plain one mirrored: range, kernels, and the result's sign."""
 
     replaces = False
@@ -95,7 +95,7 @@ class FullRangeStage(nn.Module):
         return DeployedFullRangeStage(self)
 
 
-class DeployedFullRangeStage(Deployed):
+class DeployedFullRangeStage(nn.Module):
     """The same of one pair."""
 
     replaces = True
@@ -145,7 +145,7 @@ class CandidateStage(nn.Module):
         return DeployedCandidateStage(self)
 
 
-class DeployedCandidateStage(Deployed):
+class DeployedCandidateStage(nn.Module):
     """The same of one pair."""
 
     replaces = True
