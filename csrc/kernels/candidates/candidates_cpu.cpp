@@ -18,7 +18,7 @@ void window_extremes(const CandidateCosts<T>& a, T* out, int threads) {
     const Scratch<T> columns(padded);
     for (int64_t y = begin; y < end; ++y) {
       const int64_t top = std::max<int64_t>(y - r, 0), bottom = std::min(y + r, a.height - 1);
-      const auto reduce = [&](auto better, T* row_out) {
+      const auto reduce = [&](auto better, T* __restrict row_out) {
         std::copy_n(a.disparity + top * a.width, a.width, columns + r);
         for (int64_t j = top + 1; j <= bottom; ++j) {
           const T* row = a.disparity + j * a.width;
@@ -27,10 +27,9 @@ void window_extremes(const CandidateCosts<T>& a, T* out, int threads) {
         // Replicating the border changes no extreme.
         for (int64_t x = 0; x < r; ++x) columns[x] = columns[r];
         for (int64_t x = r + a.width; x < padded; ++x) columns[x] = columns[r + a.width - 1];
-        for (int64_t x = 0; x < a.width; ++x) {
-          T best = columns[x];
-          for (int64_t i = 1; i <= 2 * r; ++i) best = better(best, columns[x + i]);
-          row_out[x] = best;
+        std::copy_n(static_cast<const T*>(columns), a.width, row_out);
+        for (int64_t i = 1; i <= 2 * r; ++i) {
+          for (int64_t x = 0; x < a.width; ++x) row_out[x] = better(row_out[x], columns[x + i]);
         }
       };
       reduce([](T p, T q) { return p < q ? q : p; }, out + y * a.width);

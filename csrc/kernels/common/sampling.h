@@ -21,7 +21,8 @@ class Positions {
       : width_(width),
         fraction(round_up(width, lanes<A>)),
         index(round_up(width, lanes<A>)),
-        window(round_up(width, lanes<A>) / lanes<A>) {}
+        window(round_up(width, lanes<A>) / lanes<A>),
+        consecutive(round_up(width, lanes<A>) / lanes<A>) {}
 
   template <class T>
   void read(const T* disparity, int64_t stride, int64_t offset, int32_t lowest, int32_t highest) {
@@ -56,6 +57,9 @@ class Positions {
         high = index[x + i] > high ? index[x + i] : high;
       }
       window[x / lanes<A>] = high - low + neighbors <= 2 * lanes<A> ? low : no_window;
+      bool ascending = true;
+      for (int i = 1; i < lanes<A>; ++i) ascending &= index[x + i] == index[x] + i;
+      consecutive[x / lanes<A>] = ascending;
     }
   }
 
@@ -68,11 +72,26 @@ class Positions {
  public:
   Scratch<A> fraction;
   Scratch<int32_t> index;
-  Scratch<int32_t> window;  // per vector of pixels: its lowest index, if the others are near enough
+  Scratch<int32_t> window;       // per vector of pixels: its lowest index, if the others are near enough
+  Scratch<uint8_t> consecutive;  // per vector: whether each index is the one before it plus 1
 };
 
-/// The elements of a row at one vector of pixels' indices and beside them: neighboring pixels mostly read neighboring
-/// elements, which two loads and permutations gather.
+/// The elements of a row at one vector of pixels' indices and beside them, if the indices are consecutive.
+template <class A>
+class Consecutive {
+ public:
+  ANYNET_INLINE Consecutive(const Positions<A>& at, int64_t x) : first_(at.index[x]) {}
+  /// The elements at the indices plus move, plus move - 1, ... plus move - n + 1.
+  template <int n>
+  ANYNET_INLINE void descending(const A* row, int64_t move, vec<A>* out) const {
+    for (int i = 0; i < n; ++i) out[i] = load(row + first_ + move - i);
+  }
+
+ private:
+  const int64_t first_;
+};
+
+/// The same for indices that are near each other, whose elements two loads and permutations gather.
 template <class A>
 class Windowed {
  public:
@@ -81,7 +100,6 @@ class Windowed {
     std::memcpy(&indices, at.index + x, sizeof(indices));
     select_ = __builtin_convertvector(indices - static_cast<int32_t>(low_), typename Simd<A>::mask);
   }
-  /// The elements at the indices plus move, plus move - 1, ... plus move - n + 1.
   template <int n>
   ANYNET_INLINE void descending(const A* row, int64_t move, vec<A>* out) const {
     static_assert(n <= Positions<A>::neighbors);
@@ -116,8 +134,10 @@ class Gathered {
 /// Calls body with the gatherer that fits the vector of pixels at x.
 template <class A, class Body>
 ANYNET_INLINE void gather_at(const Positions<A>& at, int64_t x, const Body& body) {
-  // Permutations by variable indices begin with AVX2.
-  if (vector_bytes > 16 && at.window[x / lanes<A>] != Positions<A>::no_window) {
+  if (at.consecutive[x / lanes<A>]) {  // where the disparity's whole part stays the same
+    body(Consecutive<A>(at, x));
+    // Permutations by variable indices begin with AVX2.
+  } else if (vector_bytes > 16 && at.window[x / lanes<A>] != Positions<A>::no_window) {
     body(Windowed<A>(at, x));
   } else {
     body(Gathered<A>(at, x));

@@ -330,8 +330,9 @@ ANYNET_INLINE void prefetch_strip(T* out, const int64_t* at, int64_t count) {
 template <class T, Over over>
 struct StripScratch {
   static constexpr int positions = Tiling<T, over>::positions;
-  // Rows of twice as many vectors as are multiplied at once: the two columns that what slides needs more cost half.
-  static constexpr int vectors = (over == Over::height ? 2 : 1) * strip_vectors;
+  // Where a kernel slides, rows of twice as many vectors as are multiplied at once: the two columns that it needs more
+  // cost half.
+  static constexpr int vectors = (Tiling<T, over>::taps > 1 ? 2 : 1) * strip_vectors;
   static constexpr int64_t pitch = (vectors + 1) * lanes<T>;  // of a transformed row
 
   const int64_t position;  // from one to the next, of the rows
@@ -360,10 +361,10 @@ struct StripTarget {
   const int64_t* at;
 };
 
-/// The outputs of a strip. What slides are, per position, the `slides` transformed rows from `first` on, and as many of
-/// the weights (`kernel` per output channel) after those of `skipped` rows.
+/// Those of the outputs of a strip that are multiplied at once. What slides are, per position, the `slides` transformed
+/// rows from `first` on, and as many of the weights (`kernel` per output channel) after those of `skipped` rows.
 template <class T, Over over>
-void convolve_strip(const StripScratch<T, over>& scratch, const T* first, int64_t slides, const T* weights,
+void convolve_part(const StripScratch<T, over>& scratch, const T* first, int64_t slides, const T* weights,
                     int64_t kernel, int64_t skipped, const StripTarget<T>& to) {
   constexpr int taps = Tiling<T, over>::taps, positions = Tiling<T, over>::positions;
   const int64_t O = to.channels, row = to.vectors * lanes<T>, step = O * row + lanes<T>;
@@ -385,6 +386,26 @@ void convolve_strip(const StripScratch<T, over>& scratch, const T* first, int64_
   }
 }
 
+/// All outputs of a strip, as convolve_part.
+template <class T, Over over>
+void convolve_strip(const StripScratch<T, over>& scratch, const T* first, int64_t slides, const T* weights,
+                    int64_t kernel, int64_t skipped, const StripTarget<T>& strip) {
+  using Tiles = Tiling<T, over>;
+  if (strip.vectors <= strip_vectors) {
+    return convolve_part<T, over>(scratch, first, slides, weights, kernel, skipped, strip);
+  }
+  const int64_t parts = (strip.vectors + strip_vectors - 1) / strip_vectors;
+  for (int64_t part = 0; part < parts; ++part) {
+    const int64_t from = strip.vectors * part / parts, to = strip.vectors * (part + 1) / parts;
+    const int64_t column = from * Tiles::columns;
+    int64_t at[Tiles::outer * Tiles::inner];
+    for (int k = 0; k < Tiles::outer * Tiles::inner; ++k) at[k] = strip.at[k] < 0 ? -1 : strip.at[k] + column;
+    StripTarget<T> target = strip;
+    target.vectors = to - from, target.count = std::min(to * Tiles::columns, strip.count) - column, target.at = at;
+    convolve_part<T, over>(scratch, first + from * lanes<T>, slides, weights, kernel, skipped, target);
+  }
+}
+
 /// `convolve` by tiles, with weights from pack_transformed. A tile goes in strips of columns, so that the transformed
 /// rows and the products stay in the nearest caches.
 template <class T, Over over>
@@ -395,7 +416,8 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
   constexpr int L = lanes<T>, taps = Tiles::taps;
   constexpr int tall = flat ? Tiles::outer : Tiles::inner, deep = flat ? 1 : Tiles::outer;  // outputs of a tile
   const int64_t W = g.out_width, C = g.in_channels, O = g.out_channels, vectors = Tiles::vectors(W);
-  const int64_t strips = (vectors + strip_vectors - 1) / strip_vectors;
+  constexpr int wide = StripScratch<T, over>::vectors;
+  const int64_t strips = (vectors + wide - 1) / wide;
   const int64_t tiles_y = (g.out_height + tall - 1) / tall, tiles_z = (g.out_depth + deep - 1) / deep;
   const int64_t tiles = tiles_z * tiles_y, channel = g.in_rows() * source.pitch, plane = g.out_rows() * W;
   parallel_ranges(g.batch * tiles, threads, [&](int64_t begin, int64_t end) {
@@ -481,21 +503,17 @@ void convolve_heights(const Geometry& g, const Source<T>& source, const Vector<T
             for (int r = 0; r < Tiles::rows; ++r) from[r] += to_channel[r];
           }
         }
-        const int64_t parts = (next - first + strip_vectors - 1) / strip_vectors, image = n * O * plane;
+        const int64_t image = n * O * plane;
         for (int64_t oz = z; oz < std::min(z + slid_planes, g.out_depth); ++oz) {
           const int64_t from_z = std::max(begin_z, oz - 1), to_z = std::min(end_z, oz + 2);
-          for (int64_t part = 0; part < parts; ++part) {
-            const int64_t from_v = (next - first) * part / parts, to_v = (next - first) * (part + 1) / parts;
-            const int64_t column = from_v * L;
-            int64_t at[tall];
-            for (int64_t r = 0; r < tall; ++r) {
-              at[r] = y + r < g.out_height ? (oz * g.out_height + y + r) * W + x + column : -1;
-            }
-            convolve_strip<T, over>(scratch, scratch.rows + (from_z - begin_z) * C * scratch.pitch + column,
-                                    (to_z - from_z) * C, weights.data(), 3 * C * taps, (from_z - oz + 1) * C,
-                                    {O, plane, to_v - from_v, std::min(to_v * L, count) - column, bias, relu,
-                                     positive == nullptr ? nullptr : positive + image, out + image, at});
+          int64_t at[tall];
+          for (int64_t r = 0; r < tall; ++r) {
+            at[r] = y + r < g.out_height ? (oz * g.out_height + y + r) * W + x : -1;
           }
+          convolve_strip<T, over>(scratch, scratch.rows + (from_z - begin_z) * C * scratch.pitch, (to_z - from_z) * C,
+                                  weights.data(), 3 * C * taps, (from_z - oz + 1) * C,
+                                  {O, plane, next - first, count, bias, relu,
+                                   positive == nullptr ? nullptr : positive + image, out + image, at});
         }
       }
     }

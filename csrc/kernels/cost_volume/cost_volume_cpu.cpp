@@ -101,13 +101,15 @@ void cost_volume(const CostVolume<T>& a, int threads) {
     Rows<A> left(C, 0, W, lanes<A>), right(C, before, W, after);
     Positions<A> at(W);
     Scratch<vec<A>> sums(K);
+    const T* seen = nullptr;
     for (int64_t task = begin; task < end; ++task) {
-      const int64_t n = task / H, y = task % H;
+      const int64_t n = task % N, y = task / N;
       left.read(a.left, n, y);
       right.read(a.right, n, y);
       if (around) {
-        at.read(a.disparity.data + n * a.disparity.stride[0] + y * a.disparity.stride[2], a.disparity.stride[3],
-                a.first, -2, static_cast<int32_t>(W + K - 1));
+        const T* map = a.disparity.data + n * a.disparity.stride[0] + y * a.disparity.stride[2];
+        if (map != seen) at.read(map, a.disparity.stride[3], a.first, -2, static_cast<int32_t>(W + K - 1));
+        seen = map;  // samples may share theirs
       }
       for (int64_t x = 0; x < W; x += lanes<A>) {
         if (around) {
