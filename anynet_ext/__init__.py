@@ -20,6 +20,7 @@ from anynet_ext._library import build_info, wait_passively
 from anynet_ext._max_pool import max_pool
 from anynet_ext._occlusion import fill_occlusions
 from anynet_ext._read_image import read_image
+from anynet_ext._refinement_guide import refinement_guide
 from anynet_ext._resize import resize
 from anynet_ext._soft_argmin import soft_argmin
 from anynet_ext._spatial_propagation import normalized_propagation, spatial_propagation
@@ -43,6 +44,7 @@ __all__ = [
     "normalized_propagation",
     "read_image",
     "reference",
+    "refinement_guide",
     "resize",
     "soft_argmin",
     "spatial_propagation",

@@ -52,6 +52,7 @@ _PER_VALUE = {
     "max_pool": 2,
     "normalized_propagation": 8 + 6,
     "read_image": BILINEAR + 2,
+    "refinement_guide": BILINEAR + 2,  # for most of its values
     "resize": BILINEAR + 2,
     "spatial_propagation": 8,  # four products and sums
     "upsample_add": 7 * LERP + 3,

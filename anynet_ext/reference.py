@@ -345,3 +345,14 @@ def read_image(
     images = F.pad(images, (0, columns, 0, rows), mode="replicate")[..., :h, :w]
     small = F.interpolate(images, scale_factor=1 / factor, mode="bilinear")
     return F.pixel_unshuffle((small - mean[:, None, None]) / std[:, None, None], block)
+
+
+def refinement_guide(
+    left: Tensor, right: Tensor, disparity: Tensor, mean: Tensor, std: Tensor, factor: int, *, block: int = 1
+) -> Tensor:
+    """[ read(left, factor / block), warp(read(right, factor), d) - read(left, factor), d ], d = disparity / factor"""
+    size = disparity.shape[2:]
+    small = disparity / factor
+    seen = read_image(left, mean, std, factor // block, *size, block=block)
+    near, far = (read_image(image, mean, std, factor, *size) for image in (left, right))
+    return torch.cat([seen, warp(far, small) - near, small], 1)

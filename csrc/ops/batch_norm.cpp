@@ -48,7 +48,8 @@ std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, 
   check_tensor(op, "variance", variance, {input.size(1)}, input);
   ANYNET_CHECK(shape(grad) == shape(input) && grad.scalar_type() == input.scalar_type(), op,
                ": expected grad of input's shape and dtype, got ", shape(grad));
-  const Tensor g = make_contiguous(grad), x = make_contiguous(input), w = make_contiguous(weight), b = make_contiguous(bias);
+  const Tensor g = make_contiguous(grad), x = make_contiguous(input), w = make_contiguous(weight),
+               b = make_contiguous(bias);
   const Tensor m = make_contiguous(mean), v = make_contiguous(variance);
   Tensor grad_input = new_like(input), grad_weight = new_like(weight), grad_bias = new_like(bias);
   const Tensor sums = workspace(x);

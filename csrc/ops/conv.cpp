@@ -237,8 +237,7 @@ STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
                 "-> (Tensor, Tensor)")
             .c_str());
   }
-  ANYNET_SCHEMA(m,
-"conv_chain(Tensor input, Tensor[] weights, Tensor?[] biases, bool relu_out) -> Tensor");
+  ANYNET_SCHEMA(m, "conv_chain(Tensor input, Tensor[] weights, Tensor?[] biases, bool relu_out) -> Tensor");
 }
 #endif
 

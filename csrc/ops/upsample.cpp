@@ -101,8 +101,7 @@ Tensor upsample_add(const Tensor& input, const Tensor& coarse, const Tensor& sca
 STABLE_TORCH_LIBRARY_FRAGMENT(ANYNET_NAMESPACE, m) {
   ANYNET_SCHEMA(
       m, "upsample_sum(Tensor[] maps, int[] ratios, float[] gains, float side, SymInt height, SymInt width) -> Tensor");
-  ANYNET_SCHEMA(
-      m, "upsample_sum.out(Tensor[] maps, int[] ratios, float[] gains, float side, *, Tensor(a!) out) -> ()");
+  ANYNET_SCHEMA(m, "upsample_sum.out(Tensor[] maps, int[] ratios, float[] gains, float side, *, Tensor(a!) out) -> ()");
   ANYNET_SCHEMA(m, "upsample_concat(Tensor skip, Tensor coarse, Tensor scale, Tensor shift) -> Tensor");
   ANYNET_SCHEMA(m, "upsample_add(Tensor input, Tensor coarse, Tensor scale, Tensor shift) -> Tensor");
 }

@@ -24,6 +24,7 @@
 #include "../../csrc/kernels/max_pool/max_pool.h"
 #include "../../csrc/kernels/occlusion/occlusion.h"
 #include "../../csrc/kernels/read_image/read_image.h"
+#include "../../csrc/kernels/refinement_guide/refinement_guide.h"
 #include "../../csrc/kernels/soft_argmin/soft_argmin.h"
 #include "../../csrc/kernels/spatial_propagation/spatial_propagation.h"
 #include "../../csrc/kernels/stem/stem.h"
@@ -338,6 +339,26 @@ void check_images(int64_t H, int64_t W, int64_t C, int64_t scale) {
   baseline::read_image<float>(reading(false), 1);
   cuda::read_image<float>(reading(true), nullptr);
   small.compare(describe("read_image", "float", {H, W, scale}, Layout::contiguous));
+  Floats disparity({H * W}), guide({16 * H * W});
+  for (int64_t i = 0; i < H * W; ++i)
+    disparity.host_data()[i] = 4 * disparity.host_data()[i] + static_cast<float>(i % 9);
+  expect(cudaMemcpy(disparity.device_data(), disparity.host_data(), disparity.bytes(), cudaMemcpyHostToDevice));
+  const auto guiding = [&](bool device) {
+    return RefinementGuide<float>{{left.at(device), right.at(device)},
+                                  H,
+                                  W,
+                                  2 * scale,
+                                  2,
+                                  H,
+                                  W,
+                                  at(disparity, device),
+                                  at(mean, device),
+                                  at(deviation, device),
+                                  at(guide, device)};
+  };
+  baseline::refinement_guide<float>(guiding(false), 1);
+  cuda::refinement_guide<float>(guiding(true), nullptr);
+  guide.compare(describe("refinement_guide", "float", {H, W, scale}, Layout::contiguous));
 }
 
 void check_maps(int64_t H, int64_t W) {

@@ -43,6 +43,7 @@ REGISTERS = {
     "max_pool::pool": 64,
     "occlusion::fill": 64,
     "read_image::read_pixels": 64,
+    "refinement_guide::guide": 64,
     "soft_argmin::forward": 128,  # 128 threads: four
     "soft_argmin::backward": 128,
     "spatial_propagation::forward": 128,  # up to 512 threads: one

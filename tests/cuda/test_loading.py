@@ -23,6 +23,7 @@ INFERENCE = [
     "max_pool",
     "normalized_propagation",
     "read_image",
+    "refinement_guide",
     "stem",
     "upsample_add",
     "upsample_concat",

@@ -31,6 +31,7 @@ SHAPES = {
     "max_pool": "NCHW C C",
     "normalized_propagation": "NCHW N3CHW",
     "read_image": "HW3 3 3",
+    "refinement_guide": "HW3 HW3 11HW 3 3",
     "resize": "NCHW NCHW",
     "resize_backward": "NCHW",
     "soft_argmin": "NDHW",
@@ -44,7 +45,7 @@ SHAPES = {
     "warp": "NCHW N1HW",
     "warp_backward": "NCHW NCHW N1HW",
 }
-_IMAGES = ("read_image", "stem")  # of bytes; the other tensors of one floating type
+_IMAGES = ("read_image", "refinement_guide", "stem")  # of bytes; the other tensors of one floating type
 _EXTREMES = [-(2**63), -(2**31), -1, 0, 2**31 - 1, 2**31, 2**40, 2**62, 2**63 - 1]
 _SMALL = [-3, -1, 0, 1, 2, 3, 4, 7]
 

@@ -76,6 +76,11 @@ class Positions {
   Scratch<uint8_t> consecutive;  // per vector: whether each index is the one before it plus 1
 };
 
+/// Zeros that a row needs before and after it, if indices -2 to W + 1 are sampled: two vectors are read from some index
+/// on.
+template <class A>
+constexpr int64_t sampled_beside = 2 * lanes<A> + 2;
+
 /// The elements of a row at one vector of pixels' indices and beside them, if the indices are consecutive.
 template <class A>
 class Consecutive {

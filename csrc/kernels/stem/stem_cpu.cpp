@@ -1,30 +1,14 @@
 #include <algorithm>
 #include <cstring>
-#include <utility>
 
 #include "../common/parallel.h"
+#include "../common/rgb.h"
 #include "../common/scratch.h"
 #include "../common/simd.h"
 #include "stem.h"
 
 namespace anynet::ANYNET_ISA {
 namespace {
-
-typedef uint32_t bits __attribute__((vector_size(vector_bytes)));
-
-/// Elements first, first + 3, first + 6, ... of three vectors.
-template <int... I>
-ANYNET_INLINE bits deinterleave_by_3(const bits (&v)[3], int first, std::integer_sequence<int, I...>) {
-  constexpr int n = sizeof...(I);
-  const auto pick = [&](auto offset) {
-    constexpr int k = decltype(offset)::value;
-    const bits two = shuffle<(3 * I + k < 2 * n ? 3 * I + k : 0)...>(v[0], v[1]);
-    return shuffle<(3 * I + k < 2 * n ? I : 3 * I + k - n)...>(two, v[2]);
-  };
-  return first == 0   ? pick(std::integral_constant<int, 0>{})
-         : first == 1 ? pick(std::integral_constant<int, 1>{})
-                      : pick(std::integral_constant<int, 2>{});
-}
 
 /// One thread's rows. A row holds its columns 0, 4, 8, ..., then 1, 5, 9, ... and so on: four `phases`, each with a
 /// vector of zeros before and after it.
@@ -87,28 +71,12 @@ class Strip {
   void read_plain(int64_t r) {
     const uint8_t* row = image_ + std::min(r, a_.image_height - 1) * a_.image_width * 3;
     for (int64_t j = 0; j < quarter_; j += lanes<T>) {
-      const uint8_t* bytes = read_bytes(row, j);
-      bits words[3];  // of four pixels: three words
-      for (int i = 0; i < 3; ++i) std::memcpy(words + i, bytes + i * vector_bytes, vector_bytes);
-      for (int word = 0; word < 3; ++word) {
-        const bits packed = deinterleave_by_3(words, word, std::make_integer_sequence<int, lanes<T>>{});
-        for (int byte = 0; byte < 4; ++byte) {
-          const int i = 4 * word + byte;
-          const bits value = packed >> (8 * byte) & 255;
-          store(input(r, i % 3, i / 3) + j, __builtin_convertvector((Simd<float>::mask)value, vec<T>) - a_.mean[i % 3]);
-        }
+      const FourPixels pixels(row, a_.image_width, j);
+#pragma GCC unroll 12
+      for (int i = 0; i < 12; ++i) {
+        store(input(r, i % 3, i / 3) + j, __builtin_convertvector(pixels[i], vec<T>) - a_.mean[i % 3]);
       }
     }
-  }
-
-  /// A vector's bytes from column 4 j on. Beyond the row, its last pixel.
-  const uint8_t* read_bytes(const uint8_t* row, int64_t j) {
-    constexpr int64_t size = 12 * lanes<T>;
-    const int64_t begin = 12 * j, end = 3 * a_.image_width, inside = std::clamp<int64_t>(end - begin, 0, size);
-    if (inside == size) return row + begin;
-    std::memcpy(bytes_, row + begin, inside);
-    for (int64_t i = inside; i < size; ++i) bytes_[i] = row[end - 3 + i % 3];
-    return bytes_;
   }
 
   /// Between two rows of the image: 3/4 of the nearer, 1/4 of the farther.
@@ -164,9 +132,10 @@ class Strip {
     if (o < a_.channels) convolve_first<1, 2>(r, o);
   }
 
-  /// Of channels [o, o + N), V vectors at a time: N * V * 4 sums hide how long a multiply-add takes.
+  /// Of channels [o, o + N), V vectors at a time: N * V * 4 sums hide how long a multiply-add takes. (Inlined, it would
+  /// not keep them in registers.)
   template <int N, int V>
-  void convolve_first(int64_t r, int64_t o) {
+  __attribute__((noinline)) void convolve_first(int64_t r, int64_t o) {
     constexpr int L = lanes<T>;
     const T* in[9];
     for (int i = 0; i < 9; ++i) in[i] = input(r + i % 3 - 1, i / 3, 0);
@@ -200,9 +169,9 @@ class Strip {
     }
   }
 
-  /// Row y of the output, of channels [o, o + N), to rows `plane` apart.
+  /// Row y of the output, of channels [o, o + N), to rows `plane` apart. (Not inlined either.)
   template <int N>
-  void convolve_second(int64_t y, int64_t o, T* out, int64_t plane) {
+  __attribute__((noinline)) void convolve_second(int64_t y, int64_t o, T* out, int64_t plane) {
     for (int64_t j = 0; j < quarter_; j += lanes<T>) {
       vec<T> pooled[N][2];
       for (int half = 0; half < 2; ++half) {

@@ -8,10 +8,6 @@ namespace anynet::ANYNET_ISA {
 
 namespace {
 
-/// Zeros before and after a row: indices -2 to W + 1 are sampled, by reading two vectors from some index on.
-template <class A>
-constexpr int64_t padding = 2 * lanes<A> + 2;
-
 template <class A, class T>
 void read_positions(Positions<A>& at, const View4<const T>& disparity, int64_t n, int64_t y) {
   const T* p = disparity.data + n * disparity.stride[0] + y * disparity.stride[2];
@@ -26,10 +22,10 @@ void warp(const Warp<T>& a, int threads) {
   const int64_t N = a.image.size[0], C = a.image.size[1], H = a.image.size[2], W = a.image.size[3];
   if (W == 0) return;
   parallel_ranges(N * H, useful_threads(threads, N, C, H, W, 4), [&](int64_t begin, int64_t end) {
-    Scratch<A> padded(W + 2 * padding<A>);
+    Scratch<A> padded(W + 2 * sampled_beside<A>);
     Positions<A> at(W);
-    fill_zero<A>(padded, W + 2 * padding<A>);
-    A* const row = padded + padding<A>;
+    fill_zero<A>(padded, W + 2 * sampled_beside<A>);
+    A* const row = padded + sampled_beside<A>;
     for (int64_t task = begin; task < end; ++task) {
       const int64_t n = task / H, y = task % H;
       read_positions(at, a.disparity, n, y);
@@ -56,12 +52,12 @@ void warp_backward(const WarpBackward<T>& a, int threads) {
   const int64_t N = a.image.size[0], C = a.image.size[1], H = a.image.size[2], W = a.image.size[3];
   if (W == 0) return;
   parallel_ranges(N * H, useful_threads(threads, N, C, H, W, 8), [&](int64_t begin, int64_t end) {
-    const int64_t padded_width = W + 2 * padding<A>, vectors_width = round_up(W, lanes<A>);
+    const int64_t padded_width = W + 2 * sampled_beside<A>, vectors_width = round_up(W, lanes<A>);
     Scratch<A> padded(padded_width), scattered(padded_width), grad(vectors_width), grad_disparity(vectors_width);
     Positions<A> at(W);
     fill_zero<A>(padded, padded_width);
     fill_zero<A>(grad, vectors_width);
-    A *const row = padded + padding<A>, *const grad_image = scattered + padding<A>;
+    A *const row = padded + sampled_beside<A>, *const grad_image = scattered + sampled_beside<A>;
     for (int64_t task = begin; task < end; ++task) {
       const int64_t n = task / H, y = task % H;
       read_positions(at, a.disparity, n, y);

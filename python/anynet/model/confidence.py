@@ -86,15 +86,13 @@ def gather_evidence(
     ]
     outside, behind = (scale * distance for distance in reference.occlusion_distances(disparity / scale))
     outside.clamp_(min=0)
-    left, right = (
-        _ops.read_image.default(image, refinement.mean, refinement.std, finest, 1, *fine_size)
-        for image in (left, right)
-    )
-    error = warped_difference(left, right, fine[None, None] / finest).abs().mean(1)
-    texture = F.pad((left[0, :, :, 2:] - left[0, :, :, :-2]).abs().mean(0), (1, 1))
+    mean, std = refinement.mean, refinement.std
+    guide = _ops.refinement_guide.default(left, right, fine[None, None], mean, std, finest, 1)[0]
+    seen, error = guide[:3], guide[3:6].abs().mean(0)
+    texture = F.pad((seen[:, :, 2:] - seen[:, :, :-2]).abs().mean(0), (1, 1))
     lengths = [disparity.clamp(min=0), _variation(disparity), behind, outside, *deviations]
     lengths += [(later - earlier).abs() for later, earlier in pairwise([disparity, *before])]
-    channels = torch.stack([*lengths, *block_means(torch.stack([error[0], texture]), 2)])
+    channels = torch.stack([*lengths, *block_means(torch.stack([error, texture]), 2)])
     channels[: len(lengths)].mul_(pixel).add_(PIXEL)
     channels[len(lengths) :].add_(SHADE)
     return Evidence(channels.log_(), torch.maximum(behind, outside) * pixel, scale)

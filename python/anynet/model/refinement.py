@@ -125,22 +125,12 @@ class DeployedRefinement(nn.Module):
         return out
 
     def _guide(self, left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
-        height, width = disparity.shape[2:]
-
-        def read(image: Tensor, factor: int = self.finest, block: int = 1) -> Tensor:
-            out: Tensor = _ops.read_image.default(image, self.mean, self.std, factor, block, height, width)
+        block = 2 if self.config.convex_upsampling else 1
+        if self.config.warp_error:
+            out: Tensor = _ops.refinement_guide.default(left, right, disparity, self.mean, self.std, self.finest, block)
             return out
-
-        small = None
-        if self.config.warp_error or not self.config.convex_upsampling:
-            small = read(left)
-        seen = read(left, self.finest // 2, 2) if self.config.convex_upsampling else small
-        assert seen is not None
-        if not self.config.warp_error:
-            return seen
-        assert small is not None
-        disparity = disparity / self.finest
-        return torch.cat([seen, warped_difference(small, read(right), disparity), disparity], 1)
+        out = _ops.read_image.default(left, self.mean, self.std, self.finest // block, block, *disparity.shape[2:])
+        return out
 
 
 def largest(scans: list[Tensor]) -> Tensor:
