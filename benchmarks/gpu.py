@@ -224,6 +224,10 @@ def deployed_workloads() -> list[Workload]:
     return [
         deployed("stem", "C=1, 375x1242", lambda: stem(1), halo),
         deployed("read_image", "factor 4", lambda: (image(), normal(3), normal(3), 4, 96, 312)),
+        deployed(
+            "refinement_guide", "factor 4, 94x311",
+            lambda: (image(), image(), normal(1, 1, 94, 311), normal(3), normal(3), 4),
+        ),
         deployed("max_pool", "C=2, 96x312", lambda: (normal(2, 2, 96, 312), normal(2), normal(2))),
         deployed(
             "upsample_sum", "3 maps to 375x1242",
@@ -445,6 +449,10 @@ class Work(TorchDispatchMode):
         tensors = [t for t in torch.utils._pytree.tree_leaves([args, out]) if isinstance(t, Tensor)]
         self.bytes += sum(t.nbytes for t in tensors)
         weights = [t for t in tensors[:-1] if t.dim() >= 4 and t.shape[-1] == 3]
+        if func._opname == "conv_chain":  # two layers in a launch; what goes from one launch to the next
+            between = [weight.shape[0] for weight in weights[1:-1:2]]
+            self.launches += len(between)
+            self.bytes += 2 * sum(between) * out[0, 0].nbytes
         if "conv" in func._opname and weights:
             self.multiply_adds += sum(w[0].numel() * w.shape[0] for w in weights) * out[0, 0].numel()
         elif func._opname == "stem":

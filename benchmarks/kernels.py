@@ -191,6 +191,13 @@ def inference_workloads() -> list[Workload]:
             h,
             w,
         ),
+        row(
+            "refinement_guide",
+            f"2x{4 * h}x{4 * w} to {h}x{w}",
+            (*(image(4 * h, 4 * w) for _ in range(2)), torch.rand(1, 1, h, w), torch.rand(3), torch.rand(3)),
+            (45 + 3 * 4) * pixels,
+            4,
+        ),
         row("max_pool", f"2x16x{h}x{w}", (features, *affine(16)), 5 * 2 * 16 * pixels // 4),
         Workload(
             "upsample_sum",
