@@ -175,10 +175,12 @@ def inference_workloads() -> list[Workload]:
     maps = [torch.randn(h >> i, w >> i) for i in (0, 1, 2)]
     weight, bias = torch.randn(4, 4, 3, 3, 3), torch.randn(4)
     return [
-        row(
+        Workload(
             "conv_chain",
             f"1x4 to 4 to 4x5x{h}x{w}",
-            (torch.randn(1, 4, 5, h, w), [weight] * 2, [bias] * 2),
+            (torch.randn(1, 4, 5, h, w), weight, bias),
+            lambda x, w, b: anynet_ext.conv_chain(x, [w, w], [b, b]),
+            lambda x, w, b: reference.conv_chain(x, [w, w], [b, b]),
             2 * 432 * 5 * pixels,
         ),
         row("stem", f"2x{4 * h}x{4 * w}", stem, 2 * pixels * (16 * 54 + 4 * 36)),
