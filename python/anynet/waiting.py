@@ -32,13 +32,15 @@ class Waiting:
         try:
             now, preempted = _usage()
             spent = now - self._begin
-            if spent < (self._patience if self._asleep else self.WINDOW):
-                return
             if self._asleep:
+                if spent < self._patience:
+                    return
                 self._asleep = False
                 self._patience = min(2 * self._patience, self.LONGEST)
-            elif preempted - self._preempted > self.BUSY * spent:
+            elif preempted - self._preempted > self.BUSY * max(spent, self.WINDOW):  # maybe before the window ends
                 self._asleep = True
+            elif spent < self.WINDOW:
+                return
             else:
                 self._patience = self.SHORTEST
             wait_passively(self._asleep, unless_told=True)

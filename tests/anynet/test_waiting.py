@@ -60,6 +60,13 @@ def test_sleeps_beside_other_work_and_tries_again_ever_less_often(frame: Frame, 
     assert slept[-1] == pytest.approx(Waiting.LONGEST, abs=0.1)
 
 
+def test_sleeps_as_soon_as_a_window_has_seen_enough(frame: Frame, told: list[bool]) -> None:
+    frame(0.05, 300)
+    assert told == []
+    frame(0.05, 300)
+    assert told == [True]
+
+
 def test_spins_again_when_the_other_work_has_ended(frame: Frame, told: list[bool]) -> None:
     for _ in range(10):
         frame(0.05, 200)
