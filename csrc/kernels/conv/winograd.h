@@ -365,7 +365,7 @@ struct StripTarget {
 /// rows from `first` on, and as many of the weights (`kernel` per output channel) after those of `skipped` rows.
 template <class T, Over over>
 void convolve_part(const StripScratch<T, over>& scratch, const T* first, int64_t slides, const T* weights,
-                    int64_t kernel, int64_t skipped, const StripTarget<T>& to) {
+                   int64_t kernel, int64_t skipped, const StripTarget<T>& to) {
   constexpr int taps = Tiling<T, over>::taps, positions = Tiling<T, over>::positions;
   const int64_t O = to.channels, row = to.vectors * lanes<T>, step = O * row + lanes<T>;
   for (int p = 0; p < positions; ++p) {
