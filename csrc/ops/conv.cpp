@@ -51,13 +51,11 @@ void check_conv_input(const char* op, const Tensor& input, int64_t dimensions, i
   ANYNET_CHECK(stride == 1 || stride == 2, op, ": expected stride 1 or 2, got ", stride);
 }
 
-void check_conv_weight(const char* op, const char* name, const Tensor& weight, int64_t dimensions, int64_t in_channels,
-                       const Tensor& input) {
+void check_conv_weight(const char* op, const char* name, const Tensor& weight, int64_t dimensions,
+                       int64_t in_channels) {
   ANYNET_CHECK(is_conv_kernel(weight, dimensions) && weight.size(1) == in_channels, op, ": expected ", name,
                " of shape [O, ", in_channels, dimensions == 3 ? ", 3, 3, 3" : ", 3, 3", "] with O in 1..",
                conv_channels, ", got ", shape(weight));
-  ANYNET_CHECK(weight.scalar_type() == input.scalar_type(), op, ": expected input and ", name, " of one dtype");
-  check_device(op, name, weight, input);
 }
 
 void check_conv_vector(const char* op, const char* name, const std::optional<Tensor>& vector, int64_t channels,
@@ -77,16 +75,10 @@ std::optional<Tensor> contiguous_or_none(const std::optional<Tensor>& t) {
   return t ? std::optional<Tensor>(make_contiguous(*t)) : std::nullopt;
 }
 
-template <int64_t dimensions>
-Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bias, std::optional<Tensor> scale,
-            std::optional<Tensor> shift, int64_t stride, bool relu_in, bool relu_out) {
-  const char* op = conv_name(dimensions);
-  check_conv_input(op, input, dimensions, stride);
-  check_conv_weight(op, "weight", weight, dimensions, input.size(1), input);
-  check_conv_vector(op, "bias", bias, weight.size(0), input);
-  check_conv_vector(op, "scale", scale, input.size(1), input);
-  check_conv_vector(op, "shift", shift, input.size(1), input);
-  ANYNET_CHECK(scale.has_value() == shift.has_value(), op, ": expected both or none of scale and shift");
+/// Of arguments that have been checked.
+Tensor convolve(const char* op, const Tensor& input, const Tensor& weight, const std::optional<Tensor>& bias,
+                const std::optional<Tensor>& scale, const std::optional<Tensor>& shift, int64_t stride, bool relu_in,
+                bool relu_out) {
   const Tensor x = make_contiguous(input), w = make_contiguous(weight);
   const auto b = contiguous_or_none(bias), s = contiguous_or_none(scale), t = contiguous_or_none(shift);
   Tensor out = new_tensor(input, conv_out_sizes(sizes(input), weight.size(0), stride));
@@ -104,6 +96,21 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
     ANYNET_RUN(conv, args, input);
   });
   return out;
+}
+
+template <int64_t dimensions>
+Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bias, std::optional<Tensor> scale,
+            std::optional<Tensor> shift, int64_t stride, bool relu_in, bool relu_out) {
+  const char* op = conv_name(dimensions);
+  check_conv_input(op, input, dimensions, stride);
+  check_conv_weight(op, "weight", weight, dimensions, input.size(1));
+  ANYNET_CHECK(weight.scalar_type() == input.scalar_type(), op, ": expected input and weight of one dtype");
+  check_device(op, "weight", weight, input);
+  check_conv_vector(op, "bias", bias, weight.size(0), input);
+  check_conv_vector(op, "scale", scale, input.size(1), input);
+  check_conv_vector(op, "shift", shift, input.size(1), input);
+  ANYNET_CHECK(scale.has_value() == shift.has_value(), op, ": expected both or none of scale and shift");
+  return convolve(op, input, weight, bias, scale, shift, stride, relu_in, relu_out);
 }
 
 #ifndef ANYNET_OPS_CPU
@@ -137,8 +144,9 @@ Tensor conv_chain(const Tensor& input, const std::vector<Tensor>& weights,
   check_contiguous(op, "input", input, dimensions + 2);
   check_conv_input(op, input, dimensions, 1);
   for (size_t i = 0; i < layers; ++i) {
-    check_conv_weight(op, "weights", weights[i], dimensions, i == 0 ? input.size(1) : weights[i - 1].size(0), input);
+    check_conv_weight(op, "weights", weights[i], dimensions, i == 0 ? input.size(1) : weights[i - 1].size(0));
     check_contiguous(op, "weights", weights[i], dimensions + 2);
+    check_device(op, "weights", weights[i], input);
     check_conv_vector(op, "biases", biases[i], weights[i].size(0), input);
     if (biases[i]) check_contiguous(op, "biases", *biases[i], 1);
   }
@@ -153,8 +161,7 @@ Tensor conv_chain(const Tensor& input, const std::vector<Tensor>& weights,
       }
     }
 #endif
-    const auto convolution = dimensions == 2 ? conv<2> : conv<3>;
-    x = convolution(x, weights[i], biases[i], std::nullopt, std::nullopt, 1, false, i + 1 < layers || relu_out);
+    x = convolve(op, x, weights[i], biases[i], std::nullopt, std::nullopt, 1, false, i + 1 < layers || relu_out);
   }
   return x;
 }
@@ -165,7 +172,7 @@ Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::option
                            std::vector<int64_t> input_size, int64_t stride) {
   Tensor grad_input = new_tensor(grad, input_size);
   check_conv_input(conv_name(dimensions), grad_input, dimensions, stride);
-  check_conv_weight(conv_name(dimensions), "weight", weight, dimensions, input_size[1], grad);
+  check_conv_weight(conv_name(dimensions), "weight", weight, dimensions, input_size[1]);
   ANYNET_CHECK(
       sizes(grad) == conv_out_sizes(input_size, weight.size(0), stride) && grad.scalar_type() == weight.scalar_type(),
       conv_name(dimensions), ": expected grad of the output's shape and dtype, got ", shape(grad));

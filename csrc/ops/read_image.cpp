@@ -9,10 +9,8 @@ Tensor read_image(const Tensor& image, const Tensor& mean, const Tensor& std, in
                   int64_t height, int64_t width) {
   check_image("read_image", image);
   check_device("read_image", "image", image, mean);
-  check_contiguous("read_image", "mean", mean, 1);
-  check_tensor("read_image", "mean", mean, {3}, mean);
-  check_contiguous("read_image", "std", std, 1);
-  check_tensor("read_image", "std", std, {3}, mean);
+  check_vector("read_image", "mean", mean, 3, mean);
+  check_vector("read_image", "std", std, 3, mean);
   ANYNET_CHECK(factor == 1 || factor == 2 || factor == 4, "read_image: expected factor 1, 2 or 4, got ", factor);
   ANYNET_CHECK(block == 1 || block == 2, "read_image: expected block 1 or 2, got ", block);
   check_size("read_image", height, width);

@@ -13,16 +13,9 @@ Tensor refinement_guide(const Tensor& left, const Tensor& right, const Tensor& d
                shape(disparity));
   const int64_t height = disparity.size(2), width = disparity.size(3);
   check_size(op, height, width);
-  for (const Tensor* image : {&left, &right}) {
-    check_image(op, *image);
-    check_device(op, image == &left ? "left" : "right", *image, disparity);
-  }
-  ANYNET_CHECK(shape(left) == shape(right), op, ": expected images of one size, got ", shape(left), " and ",
-               shape(right));
-  check_contiguous(op, "mean", mean, 1);
-  check_tensor(op, "mean", mean, {3}, disparity);
-  check_contiguous(op, "std", std, 1);
-  check_tensor(op, "std", std, {3}, disparity);
+  check_images(op, left, right, disparity);
+  check_vector(op, "mean", mean, 3, disparity);
+  check_vector(op, "std", std, 3, disparity);
   ANYNET_CHECK(factor == 1 || factor == 2 || factor == 4, op, ": expected factor 1, 2 or 4, got ", factor);
   ANYNET_CHECK(block == 1 || (block == 2 && factor > 1), op, ": expected block 1 or 2, at most the factor, got ",
                block);

@@ -7,12 +7,7 @@ namespace anynet::ops {
 Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const Tensor& weight_first,
             const Tensor& bias_first, const Tensor& weight_second, const Tensor& scale, const Tensor& shift,
             int64_t input_scale, int64_t multiple) {
-  check_image("stem", left);
-  check_image("stem", right);
-  check_device("stem", "left", left, mean);
-  check_device("stem", "right", right, mean);
-  ANYNET_CHECK(right.size(0) == left.size(0) && right.size(1) == left.size(1),
-               "stem: expected images of one size, got ", shape(left), " and ", shape(right));
+  check_images("stem", left, right, mean);
   ANYNET_CHECK(input_scale == 1 || input_scale == 2, "stem: expected input_scale 1 or 2, got ", input_scale);
   ANYNET_CHECK(multiple > 0 && multiple % 4 == 0 && multiple <= 65536,
                "stem: expected multiple to be a multiple of 4, at most 65536, got ", multiple);

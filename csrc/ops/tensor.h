@@ -7,6 +7,7 @@
 #include <torch/headeronly/core/ScalarType.h>
 
 #include <initializer_list>
+#include <iterator>
 #include <optional>
 #include <sstream>
 #include <stdexcept>
@@ -71,10 +72,26 @@ inline void check_contiguous(const char* op, const char* name, const Tensor& t, 
                " as contiguous float32 tensor of ", dim, " dimensions, got ", shape(t));
 }
 
+/// Checks that `t` is a float32 vector of so many elements, on the device of `first`.
+inline void check_vector(const char* op, const char* name, const Tensor& t, int64_t size, const Tensor& first) {
+  check_contiguous(op, name, t, 1);
+  check_tensor(op, name, t, {size}, first);
+}
+
 inline void check_image(const char* op, const Tensor& image) {
   ANYNET_CHECK(image.dim() == 3 && image.size(0) > 0 && image.size(1) > 0 && image.size(2) == 3 &&
                    image.scalar_type() == ScalarType::Byte && image.is_contiguous(),
                op, ": expected a contiguous uint8 image of shape [H, W, 3], got ", shape(image));
+}
+
+/// Checks two images of one size on the device of `first`.
+inline void check_images(const char* op, const Tensor& left, const Tensor& right, const Tensor& first) {
+  check_image(op, left);
+  check_image(op, right);
+  check_device(op, "left", left, first);
+  check_device(op, "right", right, first);
+  ANYNET_CHECK(right.size(0) == left.size(0) && right.size(1) == left.size(1), op,
+               ": expected images of one size, got ", shape(left), " and ", shape(right));
 }
 
 constexpr int64_t max_size = int64_t{1} << 30;  // of a dimension whose indices kernels keep in 32 bits
@@ -104,12 +121,12 @@ View<const T, Rank> view(const Tensor& t) {
 /// Straight from PyTorch's allocator: the stable ABI's `new_empty` looks an operator up by its name in every call.
 template <class Sizes = std::initializer_list<int64_t>>
 Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarType> dtype = std::nullopt) {
+  const int64_t* const size = std::data(sizes);
   std::vector<int64_t> strides(sizes.size());
   uint64_t stride = 1;  // may overflow; PyTorch then says so
   for (size_t i = sizes.size(); i-- > 0;) {
-    const int64_t size = sizes.begin()[i];
     strides[i] = static_cast<int64_t>(stride);
-    stride *= static_cast<uint64_t>(size > 1 ? size : 1);
+    stride *= static_cast<uint64_t>(size[i] > 1 ? size[i] : 1);
   }
   int32_t type, device, index;
   STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_get_dtype(like.get(), &type));
@@ -117,8 +134,8 @@ Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarTy
   STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_get_device_type(like.get(), &device));
   STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_get_device_index(like.get(), &index));
   AtenTensorHandle result;
-  STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_empty_strided(static_cast<int64_t>(sizes.size()), &*sizes.begin(),
-                                                         strides.data(), type, device, index, &result));
+  STABLE_TORCH_ERROR_CODE_CHECK(
+      aoti_torch_empty_strided(static_cast<int64_t>(sizes.size()), size, strides.data(), type, device, index, &result));
   return Tensor(result);
 }
 
@@ -144,10 +161,8 @@ int num_threads();
 /// scale, shift [channels] as an epilogue.
 inline AffineRelu<float> affine_relu(const char* op, const Tensor& scale, const Tensor& shift, int64_t channels,
                                      const Tensor& first) {
-  check_contiguous(op, "scale", scale, 1);
-  check_contiguous(op, "shift", shift, 1);
-  check_tensor(op, "scale", scale, {channels}, first);
-  check_tensor(op, "shift", shift, {channels}, first);
+  check_vector(op, "scale", scale, channels, first);
+  check_vector(op, "shift", shift, channels, first);
   return {const_data<float>(scale), const_data<float>(shift), channels};
 }
 

@@ -139,10 +139,10 @@ class Gathered {
 /// Calls body with the gatherer that fits the vector of pixels at x.
 template <class A, class Body>
 ANYNET_INLINE void gather_at(const Positions<A>& at, int64_t x, const Body& body) {
-  if (at.consecutive[x / lanes<A>]) {  // where the disparity's whole part stays the same
+  constexpr bool permutes = vector_bytes > 16;  // by variable indices, from AVX2 on
+  if (at.consecutive[x / lanes<A>]) {           // where the disparity's whole part stays the same
     body(Consecutive<A>(at, x));
-    // Permutations by variable indices begin with AVX2.
-  } else if (vector_bytes > 16 && at.window[x / lanes<A>] != Positions<A>::no_window) {
+  } else if (permutes && at.window[x / lanes<A>] != Positions<A>::no_window) {
     body(Windowed<A>(at, x));
   } else {
     body(Gathered<A>(at, x));

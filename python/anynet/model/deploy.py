@@ -39,10 +39,7 @@ class StageResult:
 
     def __call__(self, out: Tensor | None = None) -> Tensor:
         """Written to `out`, if it is given."""
-        if out is None:
-            return self.at(1, self.size)
-        _ops.upsample_sum.out(self.maps, self.scales, self.gains, 0.0, out=out)
-        return out
+        return sum_at(self.maps, self.scales, self.size, self.gains, out=out)
 
     def at(self, scale: int, size: Sequence[int]) -> Tensor:
         """The disparity, in pixels of the images, at a resolution of one pixel per `scale` of theirs."""
@@ -118,10 +115,18 @@ class DeployedAnyNet(nn.Module):
 
 
 def sum_at(
-    maps: list[Tensor], ratios: list[int], size: Sequence[int], gains: Sequence[float] = (), side: float = 0.0
+    maps: list[Tensor],
+    ratios: list[int],
+    size: Sequence[int],
+    gains: Sequence[float] = (),
+    side: float = 0.0,
+    out: Tensor | None = None,
 ) -> Tensor:
     """[h, w]: the sum of the maps times their gains, each enlarged by its ratio; see `anynet_ext.upsample_sum`."""
-    out: Tensor = _ops.upsample_sum.default(maps, ratios, list(gains), side, *size)
+    if out is None:
+        result: Tensor = _ops.upsample_sum.default(maps, ratios, list(gains), side, *size)
+        return result
+    _ops.upsample_sum.out(maps, ratios, list(gains), side, out=out)
     return out
 
 
