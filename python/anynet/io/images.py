@@ -25,7 +25,8 @@ FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP", "WEBP", "GIF", "JPEG2000", "TGA"
 _PLUGINS = ("Png", "Jpeg", "Tiff", "Ppm", "Bmp", "WebP", "Gif", "Jpeg2K", "Tga", "Avif")
 _SCANS = 10  # of a JPEG of most pixels: each costs as much as decoding them all
 _DEFLATED = 1032  # most bytes that one byte of a PNG tells
-_SLOW_PIXELS = 2**20  # most that Pillow's decoders in Python are trusted with
+_SLOW_PIXELS = {"ppm": 2**20, "ppm_plain": 2**20, "bmp_rle": 2**23}  # most for Pillow's decoders in Python
+_COLUMNS = 2**20  # most, as OpenCV's: Pillow copies what it has of a row with every block that it reads
 
 # What EXIF's orientation says to do with the stored pixels.
 _UPRIGHT = {
@@ -144,6 +145,8 @@ def _open(path: str | Path, data: bytes) -> ImageFile.ImageFile:
         except Image.DecompressionBombError as error:
             raise AnyNetError(f"{path}: expected at most {max_pixels()} pixels; {one_line(error)}") from None
         check_size(path, *image.size)
+    if image.width > _COLUMNS:
+        raise AnyNetError(f"{path}: expected at most {_COLUMNS} columns, got {image.width} x {image.height} pixels")
     pixels = image.width * image.height
     if image.format == "PNG" and _DEFLATED * len(data) < image.height * (image.width * _png_bits(data) // 8):
         raise AnyNetError(f"{path}: expected more than {len(data)} bytes for {image.width} x {image.height} pixels")
@@ -159,8 +162,11 @@ def _png_bits(data: bytes) -> int:
 
 def _upright(path: str | Path, image: ImageFile.ImageFile) -> Image.Image:
     """The image decoded and turned."""
-    if image.tile and image.tile[0].codec_name.startswith("ppm") and image.width * image.height > _SLOW_PIXELS:
-        raise AnyNetError(f"{path}: expected binary values up to 255 or 65535 in a PPM or PGM of this size")
+    most = _SLOW_PIXELS.get(image.tile[0].codec_name) if image.tile else None
+    if most is not None and image.width * image.height > most:
+        bmp = image.format == "BMP"
+        fast = "no compression in a BMP" if bmp else "binary values up to 255 or 65535 in a PPM or PGM"
+        raise AnyNetError(f"{path}: expected {fast} of this size")
     with telling_damage(path, "damaged image"):
         image.load()
         orientation = _orientation(image)  # a PNG may tell it behind the pixels; Pillow has turned a TIFF already

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image, ImageOps
 
 from anynet.errors import AnyNetError
-from anynet.io import read_image, read_pair, write_image
+from anynet.io import images, read_image, read_pair, write_image
 from anynet.io.images import endings, image_size, open_image, to_8_bits
 
 RGB = np.random.default_rng(0).integers(0, 256, (7, 9, 3), dtype=np.uint8)
@@ -273,6 +273,49 @@ def test_declared_sizes_are_refused_before_memory_is_taken(tmp_path: Path, data:
                 read(path)
     assert time.process_time() - start < 2
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # KB
+
+
+def _rle_bmp(width: int, height: int) -> bytes:
+    """Gray, run-length encoded: of every row only its first pixel."""
+    palette = b"".join(bytes((level, level, level, 0)) for level in range(256))
+    pixels = height * b"\x01\x50\x00\x00" + b"\x00\x01"
+    start = 54 + len(palette)
+    sizes = struct.pack("<IHHI", start + len(pixels), 0, 0, start)
+    header = struct.pack("<IiiHHIIiiII", 40, width, height, 1, 8, 1, len(pixels), 0, 0, 256, 0)
+    return b"BM" + sizes + header + palette + pixels
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (_animated_webp(4194321, 12), "expected at most 1048576 columns, got 4194321 x 12 pixels"),  # took 7 seconds
+        (b"P6\n1048577 1\n255\n", "expected at most 1048576 columns, got 1048577 x 1 pixels"),
+        (_rle_bmp(8000, 8000), "expected no compression in a BMP of this size"),  # took 12 seconds
+    ],
+    ids=["webp", "ppm", "bmp"],
+)
+def test_what_pillow_is_slow_at_is_refused(tmp_path: Path, data: bytes, message: str) -> None:
+    path = tmp_path / "image"
+    path.write_bytes(data)
+    start = time.process_time()
+    with pytest.raises(AnyNetError, match=f"image: {message}"):
+        read_image(path)
+    assert time.process_time() - start < 1
+
+
+def test_every_decoder_in_python_has_a_limit() -> None:
+    endings()  # loads the formats; others may have been loaded by others
+    ours = {f"PIL.{name}ImagePlugin" for name in images._PLUGINS}
+    assert set(images._SLOW_PIXELS) == {name for name, kind in Image.DECODERS.items() if kind.__module__ in ours}
+
+
+def test_a_compressed_bmp(tmp_path: Path) -> None:
+    path = tmp_path / "image.bmp"
+    path.write_bytes(_rle_bmp(9, 7))
+    image = read_image(path)
+    assert image.shape == (7, 9, 3)
+    assert (image[:, 0] == 0x50).all()
+    assert not image[:, 1:].any()
 
 
 @pytest.mark.parametrize("depth", [1, 8, 16])
