@@ -25,7 +25,9 @@ FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP", "WEBP", "GIF", "JPEG2000", "TGA"
 _PLUGINS = ("Png", "Jpeg", "Tiff", "Ppm", "Bmp", "WebP", "Gif", "Jpeg2K", "Tga", "Avif")
 _SCANS = 10  # of a JPEG of most pixels: each costs as much as decoding them all
 _DEFLATED = 1032  # most bytes that one byte of a PNG tells
-_SLOW_PIXELS = {"ppm": 2**20, "ppm_plain": 2**20, "bmp_rle": 2**23}  # most for Pillow's decoders in Python
+_BINARY = "binary values up to 255 or 65535 in a PPM or PGM"
+# Pillow's decoders in Python: the most pixels that they are trusted with, and what is faster.
+_SLOW = {"ppm": (2**20, _BINARY), "ppm_plain": (2**20, _BINARY), "bmp_rle": (2**23, "no compression in a BMP")}
 _COLUMNS = 2**20  # most, as OpenCV's: Pillow copies what it has of a row with every block that it reads
 
 # What EXIF's orientation says to do with the stored pixels.
@@ -162,11 +164,9 @@ def _png_bits(data: bytes) -> int:
 
 def _upright(path: str | Path, image: ImageFile.ImageFile) -> Image.Image:
     """The image decoded and turned."""
-    most = _SLOW_PIXELS.get(image.tile[0].codec_name) if image.tile else None
-    if most is not None and image.width * image.height > most:
-        bmp = image.format == "BMP"
-        fast = "no compression in a BMP" if bmp else "binary values up to 255 or 65535 in a PPM or PGM"
-        raise AnyNetError(f"{path}: expected {fast} of this size")
+    slow = _SLOW.get(image.tile[0].codec_name) if image.tile else None
+    if slow is not None and image.width * image.height > slow[0]:
+        raise AnyNetError(f"{path}: expected {slow[1]} of this size")
     with telling_damage(path, "damaged image"):
         image.load()
         orientation = _orientation(image)  # a PNG may tell it behind the pixels; Pillow has turned a TIFF already

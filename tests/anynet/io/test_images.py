@@ -306,7 +306,7 @@ def test_what_pillow_is_slow_at_is_refused(tmp_path: Path, data: bytes, message:
 def test_every_decoder_in_python_has_a_limit() -> None:
     endings()  # loads the formats; others may have been loaded by others
     ours = {f"PIL.{name}ImagePlugin" for name in images._PLUGINS}
-    assert set(images._SLOW_PIXELS) == {name for name, kind in Image.DECODERS.items() if kind.__module__ in ours}
+    assert set(images._SLOW) == {name for name, kind in Image.DECODERS.items() if kind.__module__ in ours}
 
 
 def test_a_compressed_bmp(tmp_path: Path) -> None:
