@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import no_second_derivative, overridable, register_fake
+from anynet_ext._register import no_second_derivative, overridable, register_derivative, register_fake
 
 
 @overridable
@@ -39,7 +39,9 @@ def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float =
         raise ValueError(f"batch_norm_relu: expected input of shape [N, C, ...], got {came}")
     if input.numel() // input.shape[1] < 2:
         raise ValueError(f"batch_norm_relu: expected more than one value per channel, got {list(input.shape)}")
-    if input.dtype not in (torch.float32, torch.float64) and not torch.is_autocast_enabled(input.device.type):
+    if not eps > 0:
+        raise ValueError(f"batch_norm_relu: expected eps above 0, got {eps}")
+    if input.dtype not in (torch.float32, torch.float64) and not _checks.is_autocast(input.device):
         raise TypeError(f"batch_norm_relu: expected tensors of dtype float32 or float64, got {input.dtype}")
     for name, vector in (("weight", weight), ("bias", bias)):
         _checks.matches("batch_norm_relu", name, vector, input.shape[1:2], input)
@@ -71,9 +73,7 @@ def _backward(ctx: Any, grad: Tensor, *_: object) -> tuple[Tensor | None, ...]:
 
 register_fake("anynet::batch_norm_relu", _fake)
 register_fake("anynet::batch_norm_relu_backward", _fake_backward)
-torch.library.register_autograd("anynet::batch_norm_relu", _backward, setup_context=_setup_context)
-torch.library.register_autograd(
-    "anynet::batch_norm_relu_backward", no_second_derivative("anynet::batch_norm_relu_backward")
-)
+register_derivative("anynet::batch_norm_relu", _backward, setup_context=_setup_context)
+register_derivative("anynet::batch_norm_relu_backward", no_second_derivative("anynet::batch_norm_relu_backward"))
 for _device in ("cpu", "cuda"):
     torch.library.register_autocast("anynet::batch_norm_relu", _device, torch.float32)

@@ -30,13 +30,18 @@ def matches(op: str, name: str, value: object, shape: Sequence[int | SymInt], fi
         raise TypeError(f"{op}: expected {name} to be a Tensor, got {type(value).__name__}")
     if value.dim() != len(shape) or any(surely(a != b) for a, b in zip(value.shape, shape, strict=True)):
         raise ValueError(f"{op}: expected {name} of shape {list(shape)}, got {list(value.shape)}")
-    if value.dtype != first.dtype and not torch.is_autocast_enabled(first.device.type):
+    if value.dtype != first.dtype and not is_autocast(first.device):
         raise TypeError(f"{op}: expected all tensors of one dtype, got {first.dtype} and, for {name}, {value.dtype}")
     if value.device != first.device:
         raise ValueError(
             f"{op}: expected all tensors on one device, got {first.device} and, for {name}, {value.device}"
         )
     return value
+
+
+def is_autocast(device: torch.device) -> bool:
+    """Whether autocast widens the operators' tensors there; PyTorch raises if asked about the meta device."""
+    return device.type in ("cpu", "cuda") and torch.is_autocast_enabled(device.type)
 
 
 def surely(condition: bool | SymBool) -> bool:

@@ -146,7 +146,7 @@ def _check(
     _checks.integer(op, "stride", stride)
     if stride not in (1, 2):
         raise ValueError(f"{op}: expected stride 1 or 2, got {stride}")
-    if not torch.is_autocast_enabled(input.device.type):
+    if not _checks.is_autocast(input.device):
         dtypes = {t.dtype for t in (input, weight, bias, scale, shift) if t is not None}
         if len(dtypes) > 1 or not dtypes <= {torch.float32, torch.float64}:
             raise TypeError(
@@ -205,7 +205,7 @@ def _register(name: str, dimensions: int) -> None:
     ) -> Tensor:
         input = grad.new_empty(1).expand(input_size)  # only its shape counts
         grad_input = _convolution_backward(grad, input, weight, stride, [True, False, False])[0].contiguous()
-        return grad_input if before is None else grad_input * (before > 0)
+        return grad_input if before is None else torch.ops.aten.threshold_backward(grad_input, before, 0)
 
     @torch.library.impl(f"{op}_backward_weight", "CUDA")
     def _cuda_backward_weight(
@@ -225,7 +225,7 @@ def _register(name: str, dimensions: int) -> None:
         input, weight, scale, shift, output = ctx.saved_tensors
         needs = [*ctx.needs_input_grad, *[False] * 4]  # it ends with the last argument that was given
         if output is not None:
-            grad = grad * (output > 0)
+            grad = torch.ops.aten.threshold_backward(grad, output, 0)
         grad_input = grad_weight = grad_bias = grad_scale = grad_shift = None
         if needs[1] or needs[2]:
             grad_weight, grad_bias = backward_weight(grad, input, scale, shift, ctx.stride, ctx.relu_in)

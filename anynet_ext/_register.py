@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
 import torch
 from torch import Tensor
+from torch.autograd.forward_ad import unpack_dual
 from torch.overrides import handle_torch_function, has_torch_function
 
 P = ParamSpec("P")
@@ -43,27 +44,58 @@ def _vmap_rule(name: str, shared: tuple[str, ...]) -> Callable[..., Any]:
     op: Any = getattr(torch.ops.anynet, name.split("::")[1])
     arguments = [argument.name for argument in op.default._schema.arguments]
 
-    def fold(argument: str, value: Any, dim: int | None, size: int) -> Any:
-        if not isinstance(value, Tensor):
-            return value
-        if argument in shared:
-            if dim is not None:
-                raise RuntimeError(f"{name}: vmap over {argument} is not supported, only over tensors with a batch")
-            return value
-        batched = value.expand(size, *value.shape) if dim is None else value.movedim(dim, 0)
-        return batched.flatten(0, 1)
-
-    def unfold(value: Tensor, size: int) -> Tensor:
-        return value.reshape(size, value.shape[0] // size, *value.shape[1:])
-
     def rule(info: Any, in_dims: tuple[int | None, ...], *args: Any) -> tuple[Any, Any]:
-        size = info.batch_size
-        out = op(*[fold(*each, size) for each in zip(arguments, args, in_dims, strict=False)])  # the rest: defaults
+        size, batch = info.batch_size, 0
+
+        def folded(argument: str, value: Any, dim: int | None) -> Any:
+            nonlocal batch
+            if not isinstance(value, Tensor):
+                return value
+            if argument in shared:
+                if dim is not None:
+                    raise RuntimeError(f"{name}: vmap over {argument} is not supported, only over tensors with a batch")
+                return value
+            batched = value.expand(size, *value.shape) if dim is None else value.movedim(dim, 0)
+            batch = batched.shape[1]
+            return batched.flatten(0, 1)
+
+        def unfolded(value: Tensor) -> Tensor:
+            return value.reshape(size, batch, *value.shape[1:])
+
+        out = op(*[folded(*each) for each in zip(arguments, args, in_dims, strict=False)])  # the rest: defaults
         if isinstance(out, Tensor):
-            return unfold(out, size), 0
-        return tuple(unfold(t, size) for t in out), tuple(0 for _ in out)
+            return unfolded(out), 0
+        return tuple(unfolded(t) for t in out), tuple(0 for _ in out)
 
     return rule
+
+
+def _tensors(values: Iterable[Any]) -> Iterator[Tensor]:
+    for value in values:
+        yield from (
+            each for each in (value if isinstance(value, (list, tuple)) else [value]) if isinstance(each, Tensor)
+        )
+
+
+class _Derivatives(torch.library.Library):
+    """What `register_derivative` registers with: PyTorch would lose forward-mode derivatives without a word."""
+
+    def impl(self, op_name: str, fn: Callable[..., Any], dispatch_key: str = "", **options: Any) -> None:
+        @wraps(fn)
+        def checked(keyset: Any, *args: Any, **kwargs: Any) -> Any:
+            if any(unpack_dual(tensor).tangent is not None for tensor in _tensors([*args, *kwargs.values()])):
+                raise NotImplementedError(f"anynet::{op_name}: forward-mode derivatives are not supported")
+            return fn(keyset, *args, **kwargs)
+
+        super().impl(op_name, checked, dispatch_key, **options)
+
+
+_derivatives = _Derivatives("anynet", "FRAGMENT")
+
+
+def register_derivative(name: str, backward: Callable[..., Any], **options: Any) -> None:
+    """As `torch.library.register_autograd`."""
+    torch.library.register_autograd(name, backward, lib=_derivatives, **options)
 
 
 def no_second_derivative(name: str) -> Callable[..., None]:
@@ -77,9 +109,7 @@ def register_fake(name: str, fake: Callable[..., Any]) -> None:
     """Registers results without data. PyTorch asks for these too if only some tensors are on the meta device: no."""
 
     def checked(*args: Any, **kwargs: Any) -> Any:
-        values = [*args, *kwargs.values()]
-        tensors = [t for value in values for t in (value if isinstance(value, (list, tuple)) else [value])]
-        devices = sorted({str(t.device) for t in tensors if isinstance(t, Tensor)})
+        devices = sorted({str(tensor.device) for tensor in _tensors([*args, *kwargs.values()])})
         if len(devices) > 1:
             raise RuntimeError(f"{name}: expected all tensors on one device, got {' and '.join(devices)}")
         return fake(*args, **kwargs)
@@ -99,7 +129,7 @@ def register_inference(name: str, fake: Callable[..., Any]) -> None:
         raise RuntimeError(f"{op} has no gradients: it is for inference")
 
     register_fake(op, fake)
-    torch.library.register_autograd(op, no_gradient)
+    register_derivative(op, no_gradient)
 
 
 def register(
@@ -122,12 +152,12 @@ def register(
     forward_name = f"anynet::{name}"
     backwards = fake_backward if isinstance(fake_backward, Mapping) else {"backward": fake_backward}
     register_fake(forward_name, fake)
-    torch.library.register_autograd(forward_name, backward, setup_context=setup_context)
+    register_derivative(forward_name, backward, setup_context=setup_context)
     torch.library.register_vmap(forward_name, _vmap_rule(forward_name, shared))
     for key, fake_of_key in backwards.items():
         backward_name = f"{forward_name}_{key}"
         register_fake(backward_name, fake_of_key)
-        torch.library.register_autograd(backward_name, no_second_derivative(backward_name))
+        register_derivative(backward_name, no_second_derivative(backward_name))
         if not shared:  # else a result is a sum over the batch
             torch.library.register_vmap(backward_name, _vmap_rule(backward_name, shared))
     for device in ("cpu", "cuda"):

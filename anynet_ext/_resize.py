@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
-from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
+from anynet_ext import _checks, _library, reference  # noqa: F401  (loads the operators)
 from anynet_ext._register import overridable, register
 
 
@@ -41,8 +41,18 @@ def resize(
 
     Source: the upsampling between AnyNet's stages (arXiv 1810.11408, Fig. 2) and in its U-Net.
     """
+    if not isinstance(size, Sequence) or len(size) != 2:
+        raise TypeError(f"resize: expected size as (H, W), got {size!r}")
+    height, width = size
+    _check(input, height, width, add)
+    out: Tensor = torch.ops.anynet.resize(input, height, width, scale, add, align_corners)
+    return out
+
+
+def _check(input: Tensor, height: int, width: int, add: Tensor | None) -> None:
     _checks.tensor("resize", "input", input, "N, C, H, W")
-    height, width = (_checks.integer("resize", "size", value) for value in size)
+    for value in (height, width):
+        _checks.integer("resize", "size", value)
     n, c, h, w = input.shape
     if h == 0 or w == 0:
         raise ValueError(f"resize: expected input of shape [N, C, H, W] with H, W >= 1, got {list(input.shape)}")
@@ -50,8 +60,6 @@ def resize(
         raise ValueError(f"resize: expected size of at least 1 x 1, got {height} x {width}")
     if add is not None:
         _checks.matches("resize", "add", add, (n, c, height, width), input)
-    out: Tensor = torch.ops.anynet.resize(input, height, width, scale, add, align_corners)
-    return out
 
 
 def _fake(
@@ -84,12 +92,18 @@ register("resize", fake=_fake, fake_backward=_fake_backward, setup_context=_setu
 def _cuda(
     input: Tensor, height: int, width: int, scale: float = 1.0, add: Tensor | None = None, align_corners: bool = False
 ) -> Tensor:
-    out = scale * F.interpolate(input, (height, width), mode="bilinear", align_corners=align_corners)
-    return out if add is None else out + add
+    _check(input, height, width, add)
+    if 0 in input.shape[:2]:  # PyTorch's takes no empty channels
+        return _fake(input, height, width)
+    out = reference.resize(input, (height, width), scale=scale, add=add, align_corners=align_corners)
+    return out.contiguous()
 
 
 @torch.library.impl("anynet::resize_backward", "CUDA")
 def _cuda_backward(grad: Tensor, height: int, width: int, scale: float, align_corners: bool) -> Tensor:
     n, c, *size = grad.shape
-    out: Tensor = torch.ops.aten.upsample_bilinear2d_backward(grad * scale, size, [n, c, height, width], align_corners)
-    return out
+    if 0 in (n, c):
+        return _fake_backward(grad, height, width, scale, align_corners)
+    scaled = scale * (grad.float() if grad.dtype in (torch.float16, torch.bfloat16) else grad)
+    out: Tensor = torch.ops.aten.upsample_bilinear2d_backward(scaled, size, [n, c, height, width], align_corners)
+    return out.to(grad.dtype).contiguous()

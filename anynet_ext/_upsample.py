@@ -32,13 +32,13 @@ def upsample_sum(
         gains: one per map; none: 1 each.
         side: if not 0, the last map, of ratio 1, is smoothed first: along both axes, each value becomes 1 - 2 side of
             itself and `side` of both its neighbors, the border being its own. At most 0.5.
-        out: [height, width] float32, contiguous, none of the maps: where to write the result.
+        out: [height, width] float32, contiguous, apart from the maps in memory: where to write the result.
 
     Returns:
         [height, width] float32; `out` if it is given.
 
     Raises:
-        RuntimeError: if an argument has the wrong dtype or shape.
+        RuntimeError: if an argument has the wrong dtype or shape, or `out` or a map beside it requires gradients.
     """
     terms = list(maps), list(ratios), list(gains), side
     if out is None:
@@ -46,7 +46,11 @@ def upsample_sum(
         return result
     if tuple(out.shape) != (height, width):
         raise RuntimeError(f"upsample_sum: expected out of shape [{height}, {width}], got {list(out.shape)}")
+    if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (out, *maps)):
+        raise RuntimeError("upsample_sum: expected out and maps that do not require gradients: it is for inference")
     torch.ops.anynet.upsample_sum.out(*terms, out=out)
+    if not torch.compiler.is_compiling():  # which sees to it itself
+        torch.autograd.graph.increment_version(out)  # so that backward notices if it needed the old values
     return out
 
 

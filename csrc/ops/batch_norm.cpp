@@ -7,11 +7,12 @@
 namespace anynet::ops {
 namespace {
 
-void check_batch_norm(const char* op, const Tensor& input, const Tensor& weight, const Tensor& bias) {
+void check_batch_norm(const char* op, const Tensor& input, const Tensor& weight, const Tensor& bias, double eps) {
   ANYNET_CHECK(input.dim() >= 2 && input.size(1) > 0 && input.numel() / input.size(1) > 1, op,
                ": expected input of shape [N, C, ...] with more than one value per channel, got ", shape(input));
   check_tensor(op, "weight", weight, {input.size(1)}, input);
   check_tensor(op, "bias", bias, {input.size(1)}, input);
+  ANYNET_CHECK(eps > 0, op, ": expected eps above 0, got ", eps);
 }
 
 /// What the CUDA kernels sum in.
@@ -25,7 +26,7 @@ Tensor workspace([[maybe_unused]] const Tensor& x) {
 
 std::tuple<Tensor, Tensor, Tensor> batch_norm_relu(const Tensor& input, const Tensor& weight, const Tensor& bias,
                                                    double eps) {
-  check_batch_norm("batch_norm_relu", input, weight, bias);
+  check_batch_norm("batch_norm_relu", input, weight, bias, eps);
   const Tensor x = make_contiguous(input), w = make_contiguous(weight), b = make_contiguous(bias);
   Tensor out = new_like(input), mean = new_like(weight), variance = new_like(weight);
   const Tensor sums = workspace(x);
@@ -43,7 +44,7 @@ std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, 
                                                             const Tensor& weight, const Tensor& bias,
                                                             const Tensor& mean, const Tensor& variance, double eps) {
   const char* op = "batch_norm_relu_backward";
-  check_batch_norm(op, input, weight, bias);
+  check_batch_norm(op, input, weight, bias, eps);
   check_tensor(op, "mean", mean, {input.size(1)}, input);
   check_tensor(op, "variance", variance, {input.size(1)}, input);
   ANYNET_CHECK(shape(grad) == shape(input) && grad.scalar_type() == input.scalar_type(), op,

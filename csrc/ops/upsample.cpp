@@ -56,6 +56,10 @@ void upsample_sum_out(const std::vector<Tensor>& maps, const std::vector<int64_t
   UpsampleSum<float> args = sum_args(maps, ratios, gains, side, out.size(0), out.size(1));
   check_device("upsample_sum", "out", out, maps[0]);
   args.out = data<float>(out);
+  for (int i = 0; i < args.count; ++i) {
+    ANYNET_CHECK(args.map[i] + maps[i].numel() <= args.out || args.out + out.numel() <= args.map[i],
+                 "upsample_sum: expected out apart from the maps in memory, got a part of number ", i, " of them");
+  }
   ANYNET_RUN(upsample_sum, args, out);
 }
 

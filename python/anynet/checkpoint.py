@@ -53,7 +53,7 @@ def load_checkpoint(weights: str | os.PathLike[str], input_scale: float | None =
     stored = _read(find_weights(weights))
     config = stored.config if input_scale is None else stored.config.with_input_scale(input_scale)
     with torch.device("meta"):
-        model = AnyNet(config)
+        model = AnyNet(config).float()  # whatever the default is
     check_tensors(stored.path, config, stored.tensors, model.state_dict())
     model.load_state_dict(stored.tensors, assign=True)
     return model.eval()
@@ -87,10 +87,10 @@ def find_weights(weights: str | os.PathLike[str]) -> Path:
     packaged = {file.stem: file for file in sorted(PACKAGED.glob("*.safetensors"))}
     if str(weights) in packaged:
         return packaged[str(weights)]
-    path = Path(weights)
     try:
+        path = Path(weights)
         found = path.is_file()
-    except (OSError, ValueError):  # a name that is too long, or no name at all
+    except (OSError, TypeError, ValueError):  # a name that is too long, or no name at all
         found = False
     if not found:
         names = ", ".join(packaged) or "none"
@@ -115,6 +115,8 @@ def check_finite(path: Path, tensors: Mapping[str, Tensor]) -> None:
             raise AnyNetError(f"{path}: expected {name} as a tensor, got {type(tensor).__name__}")
         if tensor.is_floating_point() and not tensor.isfinite().all():
             raise AnyNetError(f"{path}: expected finite weights, got NaN or infinity in {name}")
+        if name.endswith("running_var") and (tensor < 0).any():
+            raise AnyNetError(f"{path}: expected variances of at least 0, got {tensor.min():g} in {name}")
 
 
 def check_tensors(path: Path, config: object, tensors: Mapping[str, Tensor], own: Mapping[str, Tensor]) -> None:

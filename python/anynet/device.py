@@ -46,7 +46,7 @@ def find_precision(name: str, device: torch.device) -> torch.dtype:
     Raises:
         AnyNetError: if it is none of these, or the device does not compute in it.
     """
-    if name not in PRECISIONS:
+    if not isinstance(name, str) or name not in PRECISIONS:
         raise AnyNetError(f"expected precision 'float32', 'bfloat16' or 'float16', got {name!r}")
     if name != "float32" and device.type == "cpu":
         raise AnyNetError(f"precision {name!r} is for a GPU: expected 'float32' on the CPU")

@@ -92,6 +92,9 @@ class Frame:
             trust["occluded"] = self._resized(hidden) > HIDDEN
         if array is None or self._mirrored or array.shape != tuple(self._size):
             array = self._resized(disparity, self._pixel)
+        if not self._as_arrays:
+            with torch.inference_mode(False):  # tensors that the caller may change, and compute gradients with
+                array, trust = array.clone(), {name: values.clone() for name, values in trust.items()}
         maps = Maps(array, trust)
         if self._device.type == "cuda":
             torch.cuda.current_stream(self._device).synchronize()
@@ -154,6 +157,5 @@ def check_images(left: Image, right: Image, device: torch.device | None = None) 
 def _as_tensor(array: NDArray[np.uint8]) -> Tensor:
     """PyTorch warns about arrays that are read-only, and cannot take negative strides."""
     flags = array.flags
-    return torch.from_numpy(
-        array if flags.c_contiguous and flags.writeable else np.require(array, requirements=["C", "W"])
-    )
+    usable = flags.c_contiguous and flags.writeable and min(array.strides) >= 0  # that of a single row may be negative
+    return torch.from_numpy(array if usable else array.copy())

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
+from numbers import Integral, Real
 from time import perf_counter
 from typing import Any
 
@@ -206,11 +207,11 @@ class Predictor:
         frame = self._frame("predict", left, right, *asked)
         if stage is None:
             stage = self.config.stages
-        elif type(stage) is not int or not 1 <= stage <= self.config.stages:
+        elif isinstance(stage, bool) or not isinstance(stage, Integral) or not 1 <= stage <= self.config.stages:
             raise AnyNetError(f"predict: expected stage from 1 to {self.config.stages}, got {stage!r}")
         if budget_ms is None:
             budget_ms = math.inf
-        elif isinstance(budget_ms, bool) or not isinstance(budget_ms, (int, float)) or not budget_ms >= 0:
+        elif isinstance(budget_ms, bool) or not isinstance(budget_ms, Real) or not budget_ms >= 0:
             raise AnyNetError(f"predict: expected budget_ms >= 0, got {budget_ms!r}")
         with inference(self.threads) as threads:
             latencies = self._latencies[frame.kind, threads]
@@ -227,7 +228,7 @@ class Predictor:
                 results = next(steps)
                 marks.append(self._clock.mark())
             else:
-                reached = stage
+                reached = int(stage)
             maps = frame.maps(reached, *results)
             marks.append(self._clock.mark())
         for latency, span in zip((*latencies.stages[:reached], latencies.enlarging), pairwise(marks), strict=True):

@@ -112,7 +112,7 @@ class Worker:
         # The thread knows this part alone: it ends when the worker itself is forgotten.
         self._loop = _Loop(
             predictor,
-            math.inf if budget_ms is None else float(budget_ms),
+            math.inf if budget_ms is None else budget_ms,
             math.inf if stage is None else int(stage),
             preempt,
             {"confidence": True, "left_right": left_right} if confidence else {},
@@ -155,8 +155,13 @@ class Worker:
             None if no frame ended in that time, or the worker is closed.
 
         Raises:
+            AnyNetError: if `timeout` is no number.
             Exception: what went wrong in the background, once; the worker goes on with the next frame.
         """
+        if timeout is not None:
+            if isinstance(timeout, bool) or not isinstance(timeout, Real) or math.isnan(timeout):
+                raise AnyNetError(f"Worker: expected timeout in seconds, got {timeout!r}")
+            timeout = min(timeout, threading.TIMEOUT_MAX)
         return self._loop.result(timeout)
 
     def cancel(self) -> None:

@@ -178,6 +178,26 @@ def test_weights_that_are_not_finite(saved: Path, value: float) -> None:
         load_checkpoint(saved)
 
 
+def test_variances_below_zero(saved: Path) -> None:
+    model = load_checkpoint(saved)
+    model.features.down[1][0].norm.running_var[0] = -1
+    save_checkpoint(saved, model)
+    with pytest.raises(AnyNetError, match=r"expected variances of at least 0, got -1 in features\..*running_var"):
+        load_checkpoint(saved)
+
+
+def test_weights_are_float32_whatever_the_default_is(saved: Path) -> None:
+    image = np.zeros((16, 16, 3), np.uint8)
+    torch.set_default_dtype(torch.float64)
+    try:
+        assert all(p.dtype == torch.float32 for p in load_checkpoint(saved).parameters())
+        for weights in (saved, "default", "large"):
+            estimate = Predictor(weights).predict(image, image, confidence=True, left_right=True)
+            assert estimate.disparity.dtype == estimate.confidence.dtype == np.float32
+    finally:
+        torch.set_default_dtype(torch.float32)
+
+
 def test_tensors_of_another_type_or_of_nobody(saved: Path) -> None:
     state, header = AnyNet().state_dict(), {"config": json.dumps(asdict(AnyNetConfig())), "metadata": "{}"}
     name = "refinement.expand.weight"

@@ -159,6 +159,21 @@ def test_any_layout_of_array(predictor: Predictor) -> None:
         warnings.simplefilter("error")
         for image in (frozen, mirrored, wider, np.asfortranarray(left)):
             np.testing.assert_array_equal(predictor.predict(image, right).disparity, expected)
+        for row, other in ((left[:1], right[:1]), (left[:, :1], right[:, :1])):
+            expected = predictor.predict(row, other).disparity
+            flipped = row[::-1, ::-1].copy()[::-1, ::-1]  # contiguous, with a negative stride
+            np.testing.assert_array_equal(predictor.predict(flipped, other).disparity, expected)
+
+
+@pytest.mark.parametrize("input_scale", [None, 0.7])
+def test_tensors_may_be_changed_and_take_part_in_gradients(weights: Path, input_scale: float | None) -> None:
+    left, right = map(torch.from_numpy, pair(32, 48))
+    estimate = Predictor(weights, input_scale=input_scale).predict(left, right, confidence=True)
+    factor = torch.ones(1, requires_grad=True)
+    (factor * estimate.disparity * estimate.confidence)[~estimate.occluded].sum().backward()
+    assert factor.grad.isfinite()
+    for values in (estimate.disparity, estimate.confidence, estimate.occluded):
+        values[0, 0] = 0
 
 
 class Clockwork:
@@ -327,8 +342,15 @@ def test_wrong_images(predictor: Predictor, left: object, message: str) -> None:
 
 def test_other_wrong_arguments(predictor: Predictor, weights: Path) -> None:
     images = pair(16, 16)
-    with pytest.raises(AnyNetError, match="stage from 1 to 4, got 0"):
-        predictor.predict(*images, stage=0)
+    for stage in (0, 2.5, True):
+        with pytest.raises(AnyNetError, match=f"stage from 1 to 4, got {stage}"):
+            predictor.predict(*images, stage=stage)
+    assert predictor.predict(*images, stage=np.int64(2), budget_ms=np.float32(1e6)).stage == 2
+    for none in (None, 3, b"paper"):
+        with pytest.raises(AnyNetError, match="expected a file of weights or a packaged name"):
+            Predictor(none)
+    with pytest.raises(AnyNetError, match=r"expected precision 'float32', .*, got \['float32'\]"):
+        Predictor(weights, precision=["float32"])
     with pytest.raises(AnyNetError, match="budget_ms >= 0, got -1"):
         predictor.predict(*images, budget_ms=-1)
     with pytest.raises(AnyNetError, match="budget_ms >= 0, got nan"):

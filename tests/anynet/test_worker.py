@@ -306,6 +306,19 @@ def test_options_that_cannot_be(predictor: Predictor, options: dict[str, object]
         Worker(predictor, **options)
 
 
+@pytest.mark.parametrize("timeout", ["5", True, float("nan")])
+def test_a_timeout_that_cannot_be(worker: Worker, timeout: object) -> None:
+    with pytest.raises(AnyNetError, match=f"expected timeout in seconds, got {timeout!r}"):
+        worker.result(timeout)
+
+
+def test_times_beyond_any_clock(predictor: Predictor) -> None:
+    image = np.zeros((16, 16, 3), np.uint8)
+    with Worker(predictor, budget_ms=10**400) as worker:
+        worker.submit(image, image)
+        assert worker.result(timeout=1e300).stage == 4
+
+
 def test_a_thread_that_cannot_start(worker: Worker, stepper: Stepper, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(thread: threading.Thread) -> None:
         raise RuntimeError("can't start new thread")

@@ -187,6 +187,14 @@ class DifferentiableOperator:
         with pytest.raises(RuntimeError, match=f"anynet::{call.op}_backward has no derivative: second derivatives"):
             first.sum().backward()
 
+    def test_forward_mode_is_refused(self, call):
+        backward = backward_arguments(call, call.make())
+        for name, (first, *others) in ((call.op, [*call.make(), *call.numbers]), (f"{call.op}_backward", backward)):
+            with torch.autograd.forward_ad.dual_level():
+                dual = torch.autograd.forward_ad.make_dual(first, torch.ones_like(first))
+                with pytest.raises(NotImplementedError, match=f"anynet::{name}: forward-mode derivatives are not"):
+                    getattr(torch.ops.anynet, name)(dual, *others)
+
     def test_compile(self, call):
         """One graph, without recompiling for other sizes, equal to eager in both passes."""
         from torch._dynamo.testing import CompileCounterWithBackend

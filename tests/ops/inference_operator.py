@@ -167,6 +167,17 @@ class InferenceOperator:
                 with pytest.raises(RuntimeError, match=f"anynet::{self.op} has no gradients"):
                     out.sum().backward()
 
+    def test_forward_mode_is_refused(self, small_case: Call) -> None:
+        def dual(t: Tensor) -> Tensor:
+            return torch.autograd.forward_ad.make_dual(t, torch.ones_like(t)) if t.is_floating_point() else t
+
+        with torch.autograd.forward_ad.dual_level():
+            for arguments in self.changed(small_case, dual).values():
+                tensors = [t for t in torch.utils._pytree.tree_leaves(arguments) if isinstance(t, Tensor)]
+                if any(torch.autograd.forward_ad.unpack_dual(t).tangent is not None for t in tensors):
+                    with pytest.raises(NotImplementedError, match=f"anynet::{self.op}: forward-mode derivatives"):
+                        self.packet(*arguments)
+
     def test_errors(self, error: tuple[Call, str]) -> None:
         wrong_call, message = error
         with pytest.raises(RuntimeError, match=message):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -134,6 +135,11 @@ def test_errors() -> None:
         anynet_ext.batch_norm_relu(input, weight, bias[:2])
     with pytest.raises(TypeError, match=r"float32 or float64, got torch\.float16"):
         anynet_ext.batch_norm_relu(input.half(), weight.half(), bias.half())
+    for eps in (0.0, -1.0, math.nan):
+        with pytest.raises(ValueError, match=f"expected eps above 0, got {eps}"):
+            anynet_ext.batch_norm_relu(input, weight, bias, eps=eps)
+        with pytest.raises(RuntimeError, match="expected eps above 0, got"):
+            torch.ops.anynet.batch_norm_relu(input, weight, bias, eps)
     with pytest.raises(TypeError, match="expected all tensors of one dtype"):
         anynet_ext.batch_norm_relu(input, weight.float(), bias)
     with pytest.raises(RuntimeError, match=r"weight of shape \[3\], got \[2\]"):

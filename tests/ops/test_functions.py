@@ -54,8 +54,24 @@ def test_what_functorch_can_do() -> None:
     for transform in (torch.func.grad, torch.func.jacrev):
         with pytest.raises(RuntimeError, match="must override the setup_context staticmethod"):
             transform(lambda cost: anynet_ext.soft_argmin(cost).sum())(stack[0])
+    with pytest.raises(NotImplementedError, match="anynet::soft_argmin: forward-mode derivatives are not supported"):
+        torch.func.jacfwd(anynet_ext.soft_argmin)(stack[0])
+    assert torch.vmap(anynet_ext.warp)(stack[:0], stack[:0, :, :1]).shape == (0, *stack.shape[1:])
     by_autograd = torch.autograd.functional.jacobian(lambda cost: anynet_ext.soft_argmin(cost).sum(), stack[0])
     assert by_autograd.shape == stack[0].shape
+
+
+@pytest.mark.parametrize("name", list(CALLS))
+def test_forward_mode_is_refused(name: str) -> None:
+    with pytest.raises(NotImplementedError, match=f"anynet::{name}: forward-mode derivatives are not supported"):
+        torch.func.jvp(CALLS[name], (X,), (torch.ones_like(X),))
+
+
+@pytest.mark.parametrize("name", list(CALLS))
+def test_meta_tensors_have_the_results_shapes(name: str) -> None:
+    with torch.device("meta"):
+        found = _all(CALLS[name](X.to("meta")))
+    assert [(t.device.type, t.shape) for t in found] == [("meta", t.shape) for t in _all(CALLS[name](X))]
 
 
 @pytest.mark.parametrize("name", ["batch_norm_relu", "conv3x3", "cost_volume", "resize", "soft_argmin", "warp"])

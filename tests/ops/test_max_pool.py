@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import pytest
 import torch
 from inference_operator import Call, InferenceOperator, call, random
 
@@ -32,8 +33,10 @@ def test_an_empty_result() -> None:
     assert anynet_ext.max_pool(random(1, 2, 1, 4), random(2), random(2)).shape == (1, 2, 0, 2)
 
 
-def test_nan_is_kept() -> None:
+@pytest.mark.parametrize("y", [0, 1])
+@pytest.mark.parametrize("x", [0, 1])
+def test_nan_is_kept(y: int, x: int) -> None:
     input = random(1, 1, 2, 4)
-    input[0, 0, 0, 0] = torch.nan
+    input[0, 0, y, x] = torch.nan
     out = anynet_ext.max_pool(input, torch.ones(1), torch.zeros(1))
     assert out.isnan().tolist() == [[[[True, False]]]]

@@ -129,6 +129,8 @@ def test_dispatcher():
         (lambda: anynet_ext.resize(torch.zeros(1, 1, 0, 4), (6, 8)), ValueError, r"\[1, 1, 0, 4\]"),
         (lambda: anynet_ext.resize(torch.zeros(1, 1, 2, 4), (0, 8)), ValueError, "0 x 8"),
         (lambda: anynet_ext.resize(torch.zeros(1, 1, 2, 4), (2.5, 8)), TypeError, "float"),
+        (lambda: anynet_ext.resize(torch.zeros(1, 1, 2, 4), 5), TypeError, r"size as \(H, W\), got 5"),
+        (lambda: anynet_ext.resize(torch.zeros(1, 1, 2, 4), (5, 5, 5)), TypeError, r"got \(5, 5, 5\)"),
         (lambda: anynet_ext.resize(torch.zeros(1, 1, 2, 4).int(), (2, 8)), TypeError, "int32"),
         (lambda: anynet_ext.resize(torch.zeros(1, 1, 2, 4), (2, 8), add=torch.zeros(1, 1, 2, 4)), ValueError, "add"),
         (lambda: torch.ops.anynet.resize(torch.zeros(2, 3, 4), 6, 8, 1.0, None, False), RuntimeError, "N, C, H, W"),

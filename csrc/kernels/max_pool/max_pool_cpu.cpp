@@ -1,5 +1,3 @@
-#include <algorithm>
-
 #include "../common/parallel.h"
 #include "max_pool.h"
 
@@ -15,9 +13,10 @@ void max_pool(const MaxPool<T>& a, int threads) {
     const T* lower = upper + a.width;
     const T scale = a.epilogue.scale[plane % a.channels], shift = a.epilogue.shift[plane % a.channels];
     T* __restrict out = a.out + i * width;
+    const auto larger = [](T p, T q) { return p < q || q != q ? q : p; };  // keeps NaN
     for (int64_t x = 0; x < width; ++x) {
-      const T largest = std::max(std::max(upper[2 * x], upper[2 * x + 1]), std::max(lower[2 * x], lower[2 * x + 1]));
-      out[x] = std::max(scale * largest + shift, T(0));
+      const T largest = larger(larger(upper[2 * x], upper[2 * x + 1]), larger(lower[2 * x], lower[2 * x + 1]));
+      out[x] = larger(scale * largest + shift, T(0));
     }
   });
 }

@@ -13,7 +13,7 @@ __global__ void __launch_bounds__(Pixel::threads_per_block) pool(MaxPool<T> a) {
   const int64_t plane = at.row / height, y = at.row % height;
   const T* upper = a.in + (plane * a.height + 2 * y) * a.width + 2 * at.x;
   const T* lower = upper + a.width;
-  const auto larger = [](T p, T q) { return p < q ? q : p; };
+  const auto larger = [](T p, T q) { return p < q || q != q ? q : p; };  // keeps NaN
   const T largest = larger(larger(read(upper), read(upper + 1)), larger(read(lower), read(lower + 1)));
   a.out[at.row * width + at.x] = apply(a.epilogue, plane, largest);
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import islice
+from numbers import Integral
 
 import torch
 import torch.nn.functional as F
@@ -36,8 +37,8 @@ class AnyNet(nn.Module):
 
     def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
         """The first `stages` estimates (default: all), each [N, 1, H, W]; differentiable."""
-        if stages is not None and not 1 <= stages <= self.config.stages:
-            raise AnyNetError(f"AnyNet: expected stages from 1 to {self.config.stages}, got {stages}")
+        if stages is not None and (not isinstance(stages, Integral) or not 1 <= stages <= self.config.stages):
+            raise AnyNetError(f"AnyNet: expected stages from 1 to {self.config.stages}, got {stages!r}")
         return list(islice(self.stages(left, right), stages))
 
     def stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:

@@ -77,6 +77,8 @@ class FirstStageConfig:
         check_whole(self, "hourglass", 0, 4)
         check_flag(self, "fine_costs")
         check_flag(self, "excitation")
+        if self.fine_costs and self.hourglass and not self.layers:  # a convolution takes them in
+            raise AnyNetError("FirstStageConfig: expected layers above 0 with fine_costs and an hourglass, got 0")
         if self.dims == 2 and (self.fine_costs or not self.hourglass):
             raise AnyNetError(
                 "FirstStageConfig: expected an hourglass and no fine_costs with 2 dims, which compare finer features "

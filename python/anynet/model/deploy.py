@@ -104,9 +104,13 @@ class DeployedAnyNet(nn.Module):
             scale = coarsest >> i
             disparity = _reduced(maps, [g / scale for g in gains], scales, scale, features.shape[2:])
             update, distribution = stage(features, disparity[None, None])
+            found = update[0, 0]
             if stage.replaces:
                 maps, gains, scales = [], [], []
-            maps, gains, scales = [*maps, update[0, 0]], [*gains, scale], [*scales, scale]
+            elif scales[-1] == scale:  # a finer first stage's: one map per scale, as `_reduced` smooths only one
+                found = found + maps[-1]
+                maps, gains, scales = maps[:-1], gains[:-1], scales[:-1]
+            maps, gains, scales = [*maps, found], [*gains, scale], [*scales, scale]
             result = StageResult(maps, gains, scales, size, (distribution, scale), result)
             yield result
         disparity = _reduced(maps, gains, scales, scale, maps[-1].shape)

@@ -114,11 +114,11 @@ class DeployedUNet(nn.Module):
     def __init__(self, unet: UNet, enlargement: int, multiple: int) -> None:
         super().__init__()
         self.enlargement, self.multiple = enlargement, multiple
-        std = 255 * torch.tensor(STD, device=unet.first.weight.device)
+        std = 255 * torch.tensor(STD, dtype=torch.float32, device=unet.first.weight.device)
         norm_scale, norm_shift = affine_of(unet.halve.norm)
         first_weight, first_bias = unet.first.weight.detach(), unet.first.bias
         assert first_bias is not None
-        self.register_buffer("mean", 255 * torch.tensor(MEAN, device=std.device))
+        self.register_buffer("mean", 255 * torch.tensor(MEAN, dtype=torch.float32, device=std.device))
         weight = first_weight * norm_scale[:, None, None, None] / std[:, None, None]
         self.register_buffer("first_weight", weight.contiguous())
         self.register_buffer("first_bias", first_bias.detach() * norm_scale + norm_shift)

@@ -76,7 +76,7 @@ class Refinement(nn.Module):
     def _normalized(self, gates: Tensor) -> Tensor:
         """[N, directions, 3, C, h, w]; over the three neighbors, absolute values sum to 1."""
         n, _, h, w = gates.shape
-        gates = gates.reshape(n, len(self.config.directions), 3, -1, h, w)
+        gates = gates.reshape(n, len(self.config.directions), 3, self.config.channels, h, w)
         # Not a division: the gradient of one takes four more.
         return gates * (gates.abs().sum(2, keepdim=True) + 1e-8).reciprocal()
 
@@ -105,8 +105,8 @@ class DeployedRefinement(nn.Module):
         self.expand, self.reduce = refinement.expand.deploy(), refinement.reduce.deploy()
         self.upsampling = None if refinement.upsampling is None else refinement.upsampling.deploy()
         device = refinement.expand.weight.device
-        self.register_buffer("mean", 255 * torch.tensor(MEAN, device=device))
-        self.register_buffer("std", 255 * torch.tensor(STD, device=device))
+        self.register_buffer("mean", 255 * torch.tensor(MEAN, dtype=torch.float32, device=device))
+        self.register_buffer("std", 255 * torch.tensor(STD, dtype=torch.float32, device=device))
 
     def forward(self, left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
         """As `Refinement.forward`; the images are uint8 RGB [H, W, 3]."""
@@ -151,7 +151,7 @@ def warped_difference(left: Tensor, right: Tensor, disparity: Tensor) -> Tensor:
 def bilinear_logits() -> Tensor:
     """[32]: those of `convex_upsampling` that make it nearly bilinear, with something left to each neighbor."""
     # On the meta device, where networks are made before their weights are loaded, this would import PyTorch's compiler.
-    axis = torch.tensor([[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]], device="cpu")
+    axis = torch.tensor([[0.25, 0.75, 0.0], [0.0, 0.75, 0.25]], dtype=torch.float32, device="cpu")
     weights = torch.einsum("ai,bj->abij", axis, axis).clamp(min=0.01).view(4, 9)
     logits = (weights / weights[:, 4:5]).log()
     return torch.cat([logits[:, :4], logits[:, 5:]], 1).flatten()

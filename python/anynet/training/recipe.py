@@ -148,6 +148,9 @@ class Recipe:
             raise AnyNetError(f"smooth_below must be positive, got {self.smooth_below}")
         if not self.robust_scale >= 0:
             raise AnyNetError(f"robust_scale must be positive or 0, got {self.robust_scale}")
+        for name in ("learning_rate", "smooth_below", "robust_scale"):
+            if math.isinf(getattr(self, name)):
+                raise AnyNetError(f"{name} must be finite, got inf")
         if not 0 <= self.ema_decay < 1:
             raise AnyNetError(f"ema_decay must be in [0, 1), got {self.ema_decay}")
         if self.schedule not in ("constant", "step", "cosine"):
@@ -168,8 +171,8 @@ class Recipe:
         weights = self.stage_weights or usual or (0.25, 0.5, *[1.0] * (stages - 2))
         if len(weights) != stages:
             raise AnyNetError(f"stage_weights: expected {stages}, one per stage, got {len(weights)}")
-        if min(weights) < 0 or not any(weights):
-            raise AnyNetError(f"stage_weights: expected none below 0 and one above, got {weights}")
+        if not all(0 <= weight < math.inf for weight in weights) or not any(weights):
+            raise AnyNetError(f"stage_weights: expected finite ones, none below 0 and one above, got {weights}")
         return weights
 
     def learning_rate_at(self, step: int, steps: int) -> float:

@@ -160,6 +160,16 @@ def test_errors_name_what_came(model: AnyNet) -> None:
         model(left, right[..., :15])
     with pytest.raises(AnyNetError, match=r"one shape \[N, 3, H, W\]"):
         model(left[0], right[0])
+    for stages in (2.5, "2"):
+        with pytest.raises(AnyNetError, match=f"stages from 1 to 4, got {stages!r}"):
+            model(left, right, stages=stages)
+
+
+def test_an_empty_batch_and_the_meta_device(model: AnyNet) -> None:
+    left, right = pair(32, 48)
+    assert [d.shape for d in model(left[:0], right[:0])] == [(0, 1, 32, 48)] * 4
+    with torch.device("meta"):
+        assert [d.shape for d in AnyNet()(left.to("meta"), right.to("meta"))] == [(1, 1, 32, 48)] * 4
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])

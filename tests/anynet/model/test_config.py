@@ -66,6 +66,10 @@ def test_input_scale_is_shared_by_network_and_caller() -> None:
             {"first_stage.dims": 2},
             "an hourglass and no fine_costs with 2 dims, .*, got hourglass 0 and fine_costs False",
         ),
+        (
+            {"first_stage.layers": 0, "first_stage.hourglass": 1, "first_stage.fine_costs": True},
+            "layers above 0 with fine_costs and an hourglass, got 0",
+        ),
         ({"first_stage.dims": 2, "first_stage.hourglass": 1, "groups": 0}, "groups above 0 with .* 2 dims, got 0"),
         ({"input_scale": 0}, "input_scale from 0.0625 to 4, got 0"),
         ({"input_scale": float("nan")}, "input_scale from 0.0625 to 4, got nan"),

@@ -6,12 +6,15 @@ from typing import Any
 import pytest
 import torch
 import torch.nn.functional as F
+from networks import wild
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from anynet import AnyNet, AnyNetConfig, load_checkpoint
 from anynet.checkpoint import PACKAGED
 from anynet.model import presets
+from anynet.model.anynet import normalize
+from anynet.model.config import FeaturesConfig, FirstStageConfig, RefinementConfig, ResidualStagesConfig
 from anynet.model.deploy import DeployedAnyNet
 from anynet.model.layers import DeployedConvolution
 from anynet.model.residual_stage import DeployedCandidateStage, DeployedResidualStage
@@ -62,6 +65,27 @@ def test_it_does_not_change_with_the_model_it_was_made_of() -> None:
         if isinstance(norm, (torch.nn.BatchNorm2d, torch.nn.BatchNorm3d)):
             norm.reset_running_stats()
     assert all(torch.equal(one, other) for one, other in zip(network(*pair), before, strict=True))
+
+
+@pytest.mark.parametrize("convex", [False, True])
+@pytest.mark.parametrize("radius", [0, 1])
+@pytest.mark.parametrize("dims", [2, 3])
+@pytest.mark.parametrize("blocks", [1, 2, 3])
+def test_it_gives_what_the_module_does_of_any_shape(blocks: int, dims: int, radius: int, convex: bool) -> None:
+    config = AnyNetConfig(
+        features=FeaturesConfig(channels=2, blocks=blocks),
+        first_stage=FirstStageConfig(dims=dims, channels=8, hourglass=1),
+        residual_stages=ResidualStagesConfig(
+            ranges=((-2, 2),) * blocks, channels=(4,) * blocks, candidate_radius=radius
+        ),
+        refinement=RefinementConfig(convex_upsampling=convex),
+    )
+    model, (left, right) = wild(config), shifted_texture()
+    with torch.no_grad():  # in float64: in float32, these networks' rounding is as large on either side
+        found = DeployedAnyNet(model)(left, right)
+        expected = model.double()(*(normalize(image.permute(2, 0, 1)[None].double()) for image in (left, right)))
+    for one, other in zip(found, expected, strict=True):
+        assert (one - other[0, 0]).abs().max() < 0.02
 
 
 @pytest.mark.parametrize(("weights", "kind"), [("paper", DeployedResidualStage), ("large", DeployedCandidateStage)])

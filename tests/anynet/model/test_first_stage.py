@@ -80,7 +80,7 @@ def test_the_flat_stage_has_twice_the_resolution_and_reach_in_pixels() -> None:
     assert first.maps[0].shape == (8, 12)
     assert first.spread is not None
     assert first.spread[1] == 8
-    assert second.scales == [8, 8]  # its residual has the same resolution
+    assert second.scales == [8]  # its residual has the same resolution, and is added
 
 
 def test_both_images_and_both_resolutions_reach_the_flat_stage() -> None:

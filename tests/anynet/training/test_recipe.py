@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def test_steps_replace_epochs() -> None:
         preset("fast")
 
 
-@pytest.mark.parametrize("weights", [(1.0, -1.0), (0.0, 0.0)])
+@pytest.mark.parametrize("weights", [(1.0, -1.0), (0.0, 0.0), (1.0, math.inf), (math.nan, 1.0)])
 def test_stage_weights_must_weigh_something(weights: tuple[float, ...]) -> None:
     with pytest.raises(AnyNetError, match="none below 0 and one above"):
         Recipe(stage_weights=weights).stage_weights_of(2)
@@ -78,6 +79,9 @@ def test_stage_weights_must_weigh_something(weights: tuple[float, ...]) -> None:
         ({"crop_size": (32, 512)}, "crop_size must be at least 64x64, got 32x512"),
         ({"crop_size": (10**9, 64)}, "crop_size must have at most 67108864 pixels, got 1000000000x64"),
         ({"learning_rate": float("nan")}, "learning_rate must be positive, got nan"),
+        ({"learning_rate": math.inf}, "learning_rate must be finite, got inf"),
+        ({"smooth_below": math.inf}, "smooth_below must be finite, got inf"),
+        ({"robust_scale": math.inf}, "robust_scale must be finite, got inf"),
         ({"ema_decay": 1.0}, "ema_decay must be in"),
         ({"schedule": "linear"}, "constant, step or cosine, got 'linear'"),
         ({"input_scale": 2}, "input_scale is for weights to start from"),
