@@ -60,7 +60,7 @@ def _vmap_rule(name: str, shared: tuple[str, ...]) -> Callable[..., Any]:
             return batched.flatten(0, 1)
 
         def unfolded(value: Tensor) -> Tensor:
-            return value.reshape(size, batch, *value.shape[1:])
+            return value.reshape(size, len(value) // size if size else batch, *value.shape[1:])
 
         out = op(*[folded(*each) for each in zip(arguments, args, in_dims, strict=False)])  # the rest: defaults
         if isinstance(out, Tensor):
@@ -83,14 +83,15 @@ class _Derivatives(torch.library.Library):
     def impl(self, op_name: str, fn: Callable[..., Any], dispatch_key: str = "", **options: Any) -> None:
         @wraps(fn)
         def checked(keyset: Any, *args: Any, **kwargs: Any) -> Any:
-            if any(unpack_dual(tensor).tangent is not None for tensor in _tensors([*args, *kwargs.values()])):
+            tensors = _tensors([*args, *kwargs.values()])
+            if any(unpack_dual(tensor).tangent is not None for tensor in tensors):  # type: ignore[no-untyped-call]
                 raise NotImplementedError(f"anynet::{op_name}: forward-mode derivatives are not supported")
             return fn(keyset, *args, **kwargs)
 
-        super().impl(op_name, checked, dispatch_key, **options)
+        super().impl(op_name, checked, dispatch_key, **options)  # type: ignore[no-untyped-call]
 
 
-_derivatives = _Derivatives("anynet", "FRAGMENT")
+_derivatives = _Derivatives("anynet", "FRAGMENT")  # type: ignore[no-untyped-call]
 
 
 def register_derivative(name: str, backward: Callable[..., Any], **options: Any) -> None:

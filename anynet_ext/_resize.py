@@ -88,8 +88,7 @@ def _backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, None, None, None, 
 register("resize", fake=_fake, fake_backward=_fake_backward, setup_context=_setup_context, backward=_backward)
 
 
-@torch.library.impl("anynet::resize", "CUDA")
-def _cuda(
+def _by_pytorch(
     input: Tensor, height: int, width: int, scale: float = 1.0, add: Tensor | None = None, align_corners: bool = False
 ) -> Tensor:
     _check(input, height, width, add)
@@ -99,11 +98,14 @@ def _cuda(
     return out.contiguous()
 
 
-@torch.library.impl("anynet::resize_backward", "CUDA")
-def _cuda_backward(grad: Tensor, height: int, width: int, scale: float, align_corners: bool) -> Tensor:
+def _backward_by_pytorch(grad: Tensor, height: int, width: int, scale: float, align_corners: bool) -> Tensor:
     n, c, *size = grad.shape
     if 0 in (n, c):
         return _fake_backward(grad, height, width, scale, align_corners)
     scaled = scale * (grad.float() if grad.dtype in (torch.float16, torch.bfloat16) else grad)
     out: Tensor = torch.ops.aten.upsample_bilinear2d_backward(scaled, size, [n, c, height, width], align_corners)
     return out.to(grad.dtype).contiguous()
+
+
+torch.library.impl("anynet::resize", "CUDA", _by_pytorch)
+torch.library.impl("anynet::resize_backward", "CUDA", _backward_by_pytorch)

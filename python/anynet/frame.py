@@ -73,7 +73,7 @@ class Frame:
 
     def maps(self, stage: int, result: StageResult, other: StageResult | None) -> Maps:
         """The results when they are there, in memory of their own."""
-        array = None  # into which the last operator writes, where it can
+        array: Any = None  # into which the last operator writes, where it can
         if self._as_arrays and self._device.type == "cpu":
             array = np.empty(self._images[0].shape[:2], np.float32)
         disparity = result(None if array is None else torch.from_numpy(array))

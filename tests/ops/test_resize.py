@@ -2,10 +2,10 @@
 
 import pytest
 import torch
-from operator_cases import ISAS, from_array, to_array
+from operator_cases import ISAS, TOLERANCES, from_array, to_array
 
 import anynet_ext
-from anynet_ext import _kernels, reference
+from anynet_ext import _kernels, _resize, reference
 
 SIZES = [
     ((5, 7), (20, 28)),
@@ -97,6 +97,29 @@ def test_bits_do_not_depend_on_threads():
     finally:
         torch.set_num_threads(threads)
     assert len(seen) == 1
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64, torch.float16, torch.bfloat16], ids=str)
+def test_what_cuda_computes_by_pytorch(dtype):
+    """On CPU tensors: contiguous, half types rounded once, and the same refused, as by the CPU's operator."""
+    input = torch.randn(2, 3, 4, 5).to(dtype).contiguous(memory_format=torch.channels_last)
+    add = torch.randn(2, 3, 8, 9).to(dtype)
+    for ours, theirs in (
+        (torch.ops.anynet.resize(input, 8, 9, 2.0, add), _resize._by_pytorch(input, 8, 9, 2.0, add)),
+        (
+            torch.ops.anynet.resize_backward(input, 3, 2, 2.0, True),
+            _resize._backward_by_pytorch(input, 3, 2, 2.0, True),
+        ),
+    ):
+        assert (theirs.dtype, theirs.stride()) == (dtype, ours.stride())
+        torch.testing.assert_close(theirs, ours, **TOLERANCES[dtype])
+    assert _resize._by_pytorch(input[:, :0], 8, 9).shape == (2, 0, 8, 9)
+    assert _resize._backward_by_pytorch(input[:0], 3, 2, 1.0, False).shape == (0, 3, 3, 2)
+    large = torch.full((1, 1, 2, 2), 40000.0).half()
+    assert _resize._by_pytorch(large, 4, 4, 2.0, -torch.full((1, 1, 4, 4), 40000.0).half()).max() == 40000
+    for wrong in (add[:1], add.int(), add.to("meta")):
+        with pytest.raises((TypeError, ValueError), match="resize: expected"):
+            _resize._by_pytorch(input, 8, 9, 1.0, wrong)
 
 
 def test_empty_batch():

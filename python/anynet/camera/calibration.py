@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from anynet.camera.rig import StereoRig
 
 # Beyond these nothing is a camera; what is merely unusual is told by `anynet.camera.plausibility`.
+_FARTHEST = 0.999e6  # meters: `read_depth` takes no more than a million
 _LIMITS = {"focal": 1e6, "baseline": 1e4, "cx": 1e6, "cy": 1e6, "doffs": 1e6}
 
 
@@ -65,13 +66,15 @@ class Calibration:
         return {name: getattr(self, name) for name in ("focal", "baseline", "cx", "cy", "doffs", "size")}
 
     def depth(self, disparity: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Z = focal * baseline / (disparity + doffs): meters [H, W], NaN where unknown or not in front of the camera.
+        """Z = focal * baseline / (disparity + doffs): meters [H, W].
+
+        NaN where unknown, not in front of the camera, or farther than 1000 km: no disparity is that exact.
 
         Args:
             disparity: float32 [H, W], pixels, NaN where unknown.
         """
         shifted = disparity + np.float32(self.doffs)
-        shifted[~(shifted > 0)] = np.nan
+        shifted[~(shifted > np.float32(self.focal * self.baseline / _FARTHEST))] = np.nan
         return np.float32(self.focal * self.baseline) / shifted
 
     def points(self, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

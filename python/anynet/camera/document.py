@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,7 +71,12 @@ def _parse(text: str) -> tuple[str, Tree]:
         return "xml", xml_document(stripped)
     bare = _COMMENT_LINES.sub("", stripped).lstrip() if stripped.startswith(("#", "//")) else stripped
     if bare.startswith("{"):
-        return "json", json_document(bare)
+        try:
+            return "json", json_document(bare)
+        except AnyNetError:
+            with suppress(AnyNetError):  # YAML may be written like it
+                return "yaml", _first(yaml_documents(bare))
+            raise
     if stripped.startswith(("%YAML", "---")):
         return "yaml", _first(yaml_documents(stripped))
     lines = [_COMMENT.sub("", line).strip() for line in stripped.splitlines()]
@@ -80,7 +86,7 @@ def _parse(text: str) -> tuple[str, Tree]:
     signs = [match.group(2) for line in lines if (match := _FIELD.match(line))]
     if signs and signs.count("=") * 2 > len(signs):
         return "ini", _sections(lines)
-    if lines and re.match(r"(P|S|K|R|D|T)(_rect)?_?\d+(_roi)?[ \t]*:|calib_time", _first_line(lines)):
+    if lines and re.match(r"(P|S|K|R|D|T)(_rect)?_?\d+(_roi)?[ \t]*:[ \t]*[-+.\d]|calib_time", _first_line(lines)):
         return "lines", dict(_named(lines))
     return "yaml", _first(yaml_documents(stripped))
 

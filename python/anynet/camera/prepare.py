@@ -57,10 +57,9 @@ class PreparedPair:
 
         That is, too, where it is not above the smallest one looked for: the network's refinement went astray there.
         """
-        smallest = float(self.min_disparity)
+        known = np.where(disparity > np.float32(self.min_disparity), disparity, np.float32(np.nan))
         if self.calibration is not None:
-            smallest = max(smallest, -self.calibration.doffs)
-        known = np.where(disparity > np.float32(smallest), disparity, np.float32(np.nan))
+            known[np.isnan(self.calibration.depth(known))] = np.nan
         if self.valid is not None:
             known[~self.valid] = np.nan
         return known

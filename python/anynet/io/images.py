@@ -40,6 +40,7 @@ _UPRIGHT = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
+_BITS_PER_SAMPLE, _PLANAR_CONFIGURATION = 258, 284  # tags of a TIFF
 _DEEP_COLOR = re.compile("RGBA?;16[BLN]$")
 Levels = npt.NDArray[Any]  # uint8 or uint16
 
@@ -198,6 +199,7 @@ def decode_levels(path: str | Path, data: bytes) -> Levels:
     stored = _open(path, data)
     if stored.format == "PPM" and data[:2] in (b"P5", b"P6"):
         return _ppm_levels(path, data, stored)
+    _check_deep(path, stored)
     deep_color = bool(stored.tile) and all(_DEEP_COLOR.match(_raw_mode(tile.args)) for tile in stored.tile)
     image = _upright(path, stored)
     if image.mode in ("LA", "La", "PA", "RGBA", "RGBa"):
@@ -209,6 +211,15 @@ def decode_levels(path: str | Path, data: bytes) -> Levels:
             raise AnyNetError(f"{path}: expected an image of 8 or 16 bits per channel, got 32 bits (mode {image.mode})")
         rgb = np.array(image.convert("RGB"))
         return rgb.astype(np.uint16) << 8 | _lower_bytes(path, data) if deep_color else rgb
+
+
+def _check_deep(path: str | Path, image: ImageFile.ImageFile) -> None:
+    """Raises AnyNetError where Pillow would take 16 bits of a level for 8."""
+    if any(_raw_mode(tile.args) == "LA;16B" for tile in image.tile):
+        raise AnyNetError(f"{path}: expected 16-bit gray without an alpha channel")
+    tags = getattr(image, "tag_v2", {})
+    if tags.get(_PLANAR_CONFIGURATION) == 2 and max(tags.get(_BITS_PER_SAMPLE, (8,))) > 8:
+        raise AnyNetError(f"{path}: expected 16-bit colors pixel by pixel, not plane by plane")
 
 
 def _lower_bytes(path: str | Path, data: bytes) -> Levels:

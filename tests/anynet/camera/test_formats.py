@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import yaml
 
 from anynet.camera import Calibration, PairPreparation, StereoRig, read_calibration
 from anynet.camera.formats import FORMATS
@@ -49,6 +52,7 @@ def matrix(name: str, values: object) -> str:
 
 
 K1 = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
+ROWS = [[0, 400, 240, 0], [0, 0, 1, 0]]
 K2 = [[510, 0, 330], [0, 510, 235], [0, 0, 1]]
 R = cv2.Rodrigues(np.array([0.01, 0.02, -0.01]))[0]
 T = [[-0.12], [0.001], [0.002]]
@@ -108,6 +112,66 @@ def test_left_and_right_as_maps_and_lists_in_json(tmp_path: Path) -> None:
 def test_a_file_that_tells_its_unit(tmp_path: Path) -> None:
     rig = {"unit": "mm", "K1": K1, "K2": K1, "T": [-120, 0, 0]}
     assert read(write(tmp_path, "rig.json", json.dumps(rig))).baseline == pytest.approx(0.12)
+
+    assert read(write(tmp_path, "rig.json", json.dumps({**rig, "unit": "feet"}))).baseline == pytest.approx(36.576)
+    other = write(tmp_path, "rig.json", json.dumps({**rig, "unit": "cubits"}))
+    with pytest.raises(AnyNetError, match=r"expected a unit of m, dm, cm, .*, got 'cubit'"):
+        read(other)
+    assert read(other, unit="mm").baseline == pytest.approx(0.12)
+
+
+@pytest.mark.parametrize("flow", [None, False, True])
+@pytest.mark.parametrize("first", ["D1", "K1", "P1", "T", "unit"])
+def test_yaml_by_any_program(tmp_path: Path, first: str, flow: bool | None) -> None:
+    """Without a header, matrices as lists, in any order, over lines or in braces: nothing of it is lost."""
+    rig = {"K1": K1, "K2": K1, "D1": [0.1, 0, 0, 0], "D2": [0.1, 0, 0, 0], "R": np.eye(3).tolist(), "T": [-12.0, 0, 0]}
+    rig |= {"unit": "cm", "model": "fisheye", "image_size": [640, 480]}
+    if first == "P1":
+        rig |= {"P1": [[400, 0, 300, 0], *ROWS], "P2": [[400, 0, 300, -4800], *ROWS]}
+    text = yaml.safe_dump({first: rig.pop(first), **rig}, default_flow_style=flow, sort_keys=False)
+    found = read_calibration(write(tmp_path, "rig.yaml", text))
+    assert found.baseline == pytest.approx(0.12)
+    assert found.size == (640, 480)
+    raw = found.rig if isinstance(found, Calibration) else found
+    assert raw is not None
+    assert raw.left.model == "fisheye"
+
+
+def test_four_coefficients_of_no_model_are_told(tmp_path: Path) -> None:
+    rig = {"K1": K1, "K2": K1, "R": np.eye(3).tolist(), "T": [-0.1, 0, 0], "width": 640, "height": 480}
+    four, five = [0.1, 0.2, 0.01, 0.02], [0.1, 0.2, 0.01, 0.02, 0.3]
+    path = write(tmp_path, "rig.json", json.dumps({**rig, "D1": four, "D2": four}))
+    with pytest.warns(UserWarning, match="4 distortion coefficients are taken as k1, k2, p1, p2 of a pinhole camera"):
+        assert read_rig(path).left.model == "pinhole"
+    for more in ({"D1": five, "D2": five}, {"D1": four, "D2": four, "model": "pinhole"}):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            read_rig(write(tmp_path, "rig.json", json.dumps({**rig, **more})))
+
+
+def middlebury(tmp_path: Path, focal: float, cy: float) -> Path:
+    cameras = "cam0=[1000 0 300; 0 1000 200; 0 0 1]\ncam1=[{0} 0 320; 0 {0} {1}; 0 0 1]\nbaseline=100\n"
+    return write(tmp_path, "calib.txt", cameras.format(focal, cy))
+
+
+def realsense(tmp_path: Path, focal: float, cy: float) -> Path:
+    left = {"fx": 1000.0, "fy": 1000.0, "ppx": 300.0, "ppy": 200.0}
+    right = {"fx": focal, "fy": focal, "ppx": 320.0, "ppy": cy}
+    return write(tmp_path, "rs.json", json.dumps({"infrared1": left, "infrared2": right, "baseline": 100}))
+
+
+def opencv(tmp_path: Path, focal: float, cy: float) -> Path:
+    right = [[focal, 0, 320], [0, focal, cy], [0, 0, 1]]
+    return write(tmp_path, "rig.json", json.dumps({"K1": [[1000, 0, 300], [0, 1000, 200], [0, 0, 1]], "K2": right}))
+
+
+@pytest.mark.parametrize("written", [middlebury, realsense, opencv])
+def test_rectified_cameras_that_disagree(tmp_path: Path, written: Callable[[Path, float, float], Path]) -> None:
+    assert read_calibration(written(tmp_path, 1000, 200), replace={"baseline": 0.1}).doffs == 20
+    with pytest.raises(AnyNetError, match="expected one focal length of both rectified cameras, got 1000 and 1200"):
+        read_calibration(written(tmp_path, 1200, 200), replace={"baseline": 0.1})
+    with pytest.warns(UserWarning, match="the two cameras' rows do not agree: cy is 200 and 220"):
+        read_calibration(written(tmp_path, 1000, 220), replace={"baseline": 0.1})
 
 
 def test_fisheye_by_its_name(tmp_path: Path) -> None:
@@ -399,6 +463,12 @@ def test_realsense(tmp_path: Path) -> None:
         assert read(write(tmp_path, "rs.json", json.dumps({**device, **more}))) == expected
     with pytest.raises(AnyNetError, match=r"lacks extrinsics \(translation\) or baseline: give --baseline"):
         read(write(tmp_path, "rs.json", json.dumps(device)))
+    device["infrared2"] = {**intrinsics, "width": 1280, "height": 720}
+    with pytest.raises(AnyNetError, match=r"one width and height of both cameras, got \(848, 480\) and \(1280, 720\)"):
+        read(write(tmp_path, "rs.json", json.dumps(device)))
+    device["infrared2"] = {**intrinsics, "coeffs": [0.1, 0, 0, 0, 0]}
+    with pytest.warns(UserWarning, match="the right camera has distortion"):
+        read(write(tmp_path, "rs.json", json.dumps({**device, "baseline": 50.0})))
 
 
 def test_kitti_pairs(tmp_path: Path) -> None:

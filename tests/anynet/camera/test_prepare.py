@@ -88,3 +88,5 @@ def test_what_is_known() -> None:
     assert known(Calibration(3, 1, doffs=20), -40) == [[False, True, True], [True, True, False]]
     assert known(Calibration(3, 1, doffs=-20)) == [[False, False, False], [False, True, False]]
     assert known(None, -40) == [[True, True, True], [True, True, False]]
+    disparity[0, 0] = 1e-6  # a depth of 3000 km
+    assert known(Calibration(3, 1)) == [[False, False, False], [True, True, False]]

@@ -8,7 +8,7 @@ import pytest
 
 from anynet.camera import Calibration, read_calibration
 from anynet.errors import AnyNetError
-from anynet.io import read_disparity
+from anynet.io import read_depth, read_disparity, write_depth
 
 SHARED = Path(__file__).parents[3] / ".." / "shared" / "data"
 needs_shared = pytest.mark.skipif(not SHARED.exists(), reason="the real pairs are not in ../shared/data")
@@ -42,6 +42,18 @@ def test_depth() -> None:
     depth = calibration.depth(disparity)
     assert depth.dtype == np.float32
     np.testing.assert_array_equal(depth, np.array([[10, 25, np.nan, np.nan, np.nan]], np.float32))
+
+
+@pytest.mark.parametrize("doffs", [0.0, 31.0])
+def test_every_depth_can_be_read_back(tmp_path: Path, doffs: float) -> None:
+    """A sky of a millionth of a pixel is farther than `read_depth` takes."""
+    calibration = Calibration(focal=700, baseline=0.5, doffs=doffs)
+    disparity = np.append(10.0 ** np.arange(-8.0, 2), 3.6e-4).astype(np.float32)[None] - np.float32(doffs)
+    depth = calibration.depth(disparity)
+    assert np.nanmax(depth) > 1e4
+    assert np.isnan(depth).any()
+    write_depth(tmp_path / "depth.tiff", depth)
+    np.testing.assert_array_equal(read_depth(tmp_path / "depth.tiff"), depth)
 
 
 def test_points() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image, ImageOps
 
 from anynet.errors import AnyNetError
@@ -79,6 +80,19 @@ def test_16_bit_color_is_scaled(tmp_path: Path) -> None:
 def test_floating_point_is_refused(tmp_path: Path) -> None:
     path = save(tmp_path / "float.tiff", np.ones((3, 3), np.float32))
     with pytest.raises(AnyNetError, match="expected an image of 8 or 16 bits per channel, got 32"):
+        read_image(path)
+
+
+def test_16_bits_that_pillow_takes_for_8_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "planes.tiff"
+    tifffile.imwrite(path, np.zeros((3, 4, 5), np.uint16), photometric="rgb", planarconfig="separate")
+    with pytest.raises(AnyNetError, match="expected 16-bit colors pixel by pixel, not plane by plane"):
+        read_image(path)
+    tifffile.imwrite(path, np.arange(60, dtype=np.uint8).reshape(3, 4, 5), photometric="rgb", planarconfig="separate")
+    np.testing.assert_array_equal(read_image(path), np.arange(60).reshape(3, 4, 5).transpose(1, 2, 0))
+    path = tmp_path / "alpha.png"
+    path.write_bytes(_png(4, 3, 16, color=4))
+    with pytest.raises(AnyNetError, match="expected 16-bit gray without an alpha channel"):
         read_image(path)
 
 
@@ -232,11 +246,11 @@ def _animated_webp(width: int, height: int) -> bytes:
     return b"RIFF" + struct.pack("<I", len(body)) + body
 
 
-def _png(width: int, height: int, depth: int = 1) -> bytes:
+def _png(width: int, height: int, depth: int = 1, color: int = 0) -> bytes:
     data = b"\x89PNG\r\n\x1a\n"
-    pixels = zlib.compress(bytes(min(10**7, (1 + width * depth // 8) * height)))
+    pixels = zlib.compress(bytes(min(10**7, (1 + (color // 4 + 1) * width * depth // 8) * height)))
     for name, content in (
-        (b"IHDR", struct.pack(">IIBBBBB", width, height, depth, 0, 0, 0, 0)), (b"IDAT", pixels), (b"IEND", b""),
+        (b"IHDR", struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)), (b"IDAT", pixels), (b"IEND", b""),
     ):  # fmt: skip
         data += struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
     return data

@@ -74,6 +74,24 @@ def camera_values(matrix: Matrix, which: str = "the camera") -> dict[str, float]
     return {"focal": float(matrix[0, 0]), "cx": float(matrix[0, 2]), "cy": float(matrix[1, 2])}
 
 
+def from_values(found: Found, left: dict[str, float], right: dict[str, float]) -> None:
+    """Enters the `camera_values` of two rectified cameras.
+
+    Raises:
+        AnyNetError: if their focal lengths differ.
+    """
+    if abs(left["focal"] - right["focal"]) > 0.01 * left["focal"]:
+        raise AnyNetError(
+            f"expected one focal length of both rectified cameras, got {left['focal']:g} and {right['focal']:g}"
+        )
+    found.values = {**left, "doffs": right["cx"] - left["cx"]}
+    if abs(left["cy"] - right["cy"]) > 1:
+        found.warnings.append(
+            f"the two cameras' rows do not agree: cy is {left['cy']:g} and {right['cy']:g}; "
+            "is the calibration of rectified images?"
+        )
+
+
 def from_projections(found: Found, left: Matrix, right: Matrix, meters: float, lacking: str) -> None:
     """Enters the values of two projection matrices [3, 4], of which P[0, 3] = -focal * place on the baseline.
 
@@ -90,27 +108,17 @@ def from_projections(found: Found, left: Matrix, right: Matrix, meters: float, l
         if not np.isfinite(matrix).all():
             raise AnyNetError("expected projection matrices of finite numbers")
     values = [camera_values(matrix, f"camera {i}") for i, matrix in enumerate((left, right), 1)]
-    if abs(values[0]["focal"] - values[1]["focal"]) > 0.01 * values[0]["focal"]:
-        raise AnyNetError(
-            f"expected one focal length of both rectified cameras, got {values[0]['focal']:g} "
-            f"and {values[1]['focal']:g}"
-        )
     along, down = ((left[row, 3] - right[row, 3]) / left[0, 0] * meters for row in (0, 1))
     if abs(down) > abs(along):
         raise AnyNetError(vertical(down))
     if along < 0:
         values.reverse()
         found.warnings.append(EXCHANGED)
-    found.values = {**values[0], "doffs": values[1]["cx"] - values[0]["cx"]}
+    from_values(found, *values)
     if along:
         found.values["baseline"] = abs(along)
     else:
         found.lacking["baseline"] = lacking
-    if abs(values[0]["cy"] - values[1]["cy"]) > 1:
-        found.warnings.append(
-            f"the two cameras' rows do not agree: cy is {values[0]['cy']:g} and {values[1]['cy']:g}; "
-            "is the calibration of rectified images?"
-        )
 
 
 def from_rig(found: Found, rig: StereoRig, lacking: str = "T") -> None:

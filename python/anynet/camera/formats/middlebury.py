@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from anynet.camera.document import Document
-from anynet.camera.formats.found import Found, Request, camera_values
+from anynet.camera.formats.found import Found, Request, camera_values, from_values
 from anynet.camera.tree import numbers
 from anynet.errors import AnyNetError
 
@@ -29,22 +29,23 @@ def read(documents: Sequence[Document], request: Request) -> Found:
         if name in fields
     }
     cameras = {name: numbers(fields[name], name, 9).reshape(3, 3) for name in ("cam0", "cam1") if name in fields}
-    if "cam0" in cameras:
-        found.values = camera_values(cameras["cam0"], "cam0")
+    values = {name: camera_values(camera, name) for name, camera in cameras.items()}
+    if len(values) == 2:
+        from_values(found, values["cam0"], values["cam1"])
+    elif "cam0" in values:
+        found.values = values["cam0"]
     else:
         found.lacking["focal"] = "cam0"
     if "baseline" in single:
         found.values["baseline"] = single["baseline"] * (request.meters or 1e-3)
     else:
         found.lacking["baseline"] = "baseline"
-    told = float(cameras["cam1"][0, 2] - cameras["cam0"][0, 2]) if len(cameras) == 2 else None
+    told = found.values.get("doffs")
     if "doffs" in single:
         found.values["doffs"] = single["doffs"]
         if told is not None and abs(told - single["doffs"]) > 0.5:
             found.warnings.append(f"doffs is {single['doffs']:g}, but the cx of cam1 minus that of cam0 is {told:g}")
-    elif told is not None:
-        found.values["doffs"] = told
-    else:
+    elif told is None:
         found.lacking["doffs"] = "doffs"
     if not all(np.isfinite(value) and abs(value) < 1e9 for name, value in single.items() if name != "baseline"):
         raise AnyNetError("expected doffs, width, height and ndisp to be finite numbers")

@@ -8,10 +8,15 @@ import numpy as np
 
 from anynet.camera.formats.found import Matrix
 from anynet.camera.tree import Tree, numbers, walk
-from anynet.camera.units import METERS
+from anynet.camera.units import meters_per
 from anynet.errors import AnyNetError
 
 Named = tuple[str, Tree]
+
+_UNITS = {
+    "meter": "m", "decimeter": "dm", "millimeter": "mm", "centimeter": "cm", "micrometer": "um", "micron": "um",
+    "inche": "in", "inch": "in", "feet": "ft", "foot": "ft",
+}  # fmt: skip
 
 _SIDES = (
     ("1", "2"), ("left", "right"), ("l", "r"), ("0", "1"), ("cam1", "cam2"), ("cam0", "cam1"), ("camera1", "camera2"),
@@ -77,13 +82,16 @@ class Names:
         return None
 
     def meters(self) -> float | None:
-        """Meters per unit, if the file says it."""
+        """Meters per unit, if the file says it.
+
+        Raises:
+            AnyNetError: if it names another unit than `METERS` has.
+        """
         found = self.one(["unit", "units", "lengthUnit", "baselineUnit", "translationUnit"])
         if found is None or not isinstance(found[1], str):
             return None
         name = found[1].strip().lower().removesuffix("s").replace("metre", "meter")
-        names = {"meter": "m", "millimeter": "mm", "centimeter": "cm", "inche": "in", "inch": "in"}
-        return METERS.get(names.get(name, name))
+        return meters_per(_UNITS.get(name, name))
 
     def text(self, *names: str) -> str:
         """A field's text in lower case; empty if it is not there."""

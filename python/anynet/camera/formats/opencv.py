@@ -12,7 +12,16 @@ import cv2
 import numpy as np
 
 from anynet.camera.document import Document
-from anynet.camera.formats.found import EXCHANGED, Found, Matrix, Request, camera_values, from_projections, from_rig
+from anynet.camera.formats.found import (
+    EXCHANGED,
+    Found,
+    Matrix,
+    Request,
+    camera_values,
+    from_projections,
+    from_rig,
+    from_values,
+)
 from anynet.camera.formats.names import Named, Names, matrix, plain
 from anynet.camera.rig import FISHEYE, PINHOLE, Camera, StereoRig
 from anynet.camera.tree import Tree, numbers, shortened
@@ -125,11 +134,18 @@ def _compare(found: Found, q: Matrix, meters: float) -> None:
 def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], meters: float) -> None:
     """Enters the raw cameras, or the rectified ones if they have no distortion and no rotation."""
     distortions = names.pair(_D) or (names.one(_D),) * 2
-    model = FISHEYE if _is_fisheye(names) else PINHOLE
+    told = names.text("model", "cameraModel", "distortionModel", "cameraType", "lens", "projection")
+    model = FISHEYE if _is_fisheye(names, told) else PINHOLE
     left, right = (
         Camera(_intrinsics(named), np.zeros(0) if other is None else _distortion(other), model)
         for named, other in zip(cameras, distortions, strict=True)
     )
+    four = all(np.count_nonzero(camera.distortion) == camera.distortion.size == 4 for camera in (left, right))
+    if four and model == PINHOLE and not told:
+        found.warnings.append(
+            "4 distortion coefficients are taken as k1, k2, p1, p2 of a pinhole camera; if they are of cv2.fisheye, "
+            "add `model: fisheye` to the file"
+        )
     rotation, translation = names.one(_R), names.one(_T)
     if found.values:  # told already; the raw cameras are beside them
         if rotation is not None and translation is not None:
@@ -147,7 +163,7 @@ def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], mete
             "give the file that has them as another --calib, or a rectified pair's --focal and --baseline alone"
         )
     if translation is None:
-        found.values = {**camera_values(left.matrix), "doffs": float(right.matrix[0, 2] - left.matrix[0, 2])}
+        from_values(found, camera_values(left.matrix, "camera 1"), camera_values(right.matrix, "camera 2"))
         found.lacking["baseline"] = "T"
         return
     turn = np.eye(3) if rotation is None else _rotation(rotation)
@@ -157,8 +173,7 @@ def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], mete
     from_rig(found, StereoRig(left, right, turn, place, found.size, found.origin))
 
 
-def _is_fisheye(names: Names) -> bool:
-    told = names.text("model", "cameraModel", "distortionModel", "cameraType", "lens", "projection")
+def _is_fisheye(names: Names, told: str) -> bool:
     return names.text("fisheye", "isFisheye") in ("1", "true", "yes") or any(
         word in told for word in ("fisheye", "equidistant", "kannala")
     )

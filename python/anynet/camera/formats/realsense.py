@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from anynet.camera.document import Document
-from anynet.camera.formats.found import Found, Request, camera_values
+from anynet.camera.formats.found import Found, Request, camera_values, from_values
 from anynet.camera.formats.models import size_of
 from anynet.camera.tree import Tree, numbers, walk
 from anynet.errors import AnyNetError
@@ -33,20 +33,31 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     if left is None:
         raise AnyNetError("the calibration lacks the left infrared camera's fx, fy, ppx, ppy")
     found = Found("RealSense")
-    focal, other, cx, cy = (float(numbers(left[name], name, 1)[0]) for name in _INTRINSICS)
-    found.values = camera_values(np.array([[focal, 0, cx], [0, other, cy], [0, 0, 1]]))
+    found.values, found.size = _values(left, "left"), _size(left)
     if right is not None:
-        found.values["doffs"] = float(numbers(right["ppx"], "ppx", 1)[0]) - cx
-    if "coeffs" in left and numbers(left["coeffs"], "coeffs").any():
-        found.warnings.append("the left camera has distortion (coeffs): are the images rectified?")
-    if "width" in left and "height" in left:
-        found.size = size_of([left["width"], left["height"]], "width and height")
+        from_values(found, found.values, _values(right, "right"))
+        found.size = found.size or _size(right)
+        if (size := _size(right)) not in (None, found.size):
+            raise AnyNetError(f"expected one width and height of both cameras, got {found.size} and {size}")
+    for name, camera in (("left", left), ("right", right or {})):
+        if "coeffs" in camera and numbers(camera["coeffs"], "coeffs").any():
+            found.warnings.append(f"the {name} camera has distortion (coeffs): are the images rectified?")
     baseline = _baseline(tree)
     if baseline is None:
         found.lacking["baseline"] = "extrinsics (translation) or baseline"
     else:
         found.values["baseline"] = baseline * (request.meters or (1e-3 if baseline > 1 else 1.0))
     return found
+
+
+def _values(camera: dict[str, Tree], side: str) -> dict[str, float]:
+    fx, fy, cx, cy = (float(numbers(camera[name], name, 1)[0]) for name in _INTRINSICS)
+    return camera_values(np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), f"the {side} camera")
+
+
+def _size(camera: dict[str, Tree]) -> tuple[int, int] | None:
+    told = "width" in camera and "height" in camera
+    return size_of([camera["width"], camera["height"]], "width and height") if told else None
 
 
 def _cameras(tree: Tree) -> list[tuple[str, dict[str, Tree]]]:
