@@ -104,15 +104,13 @@ def test_what_cuda_computes_by_pytorch(dtype):
     """On CPU tensors: contiguous, half types rounded once, and the same refused, as by the CPU's operator."""
     input = torch.randn(2, 3, 4, 5).to(dtype).contiguous(memory_format=torch.channels_last)
     add = torch.randn(2, 3, 8, 9).to(dtype)
-    for ours, theirs in (
-        (torch.ops.anynet.resize(input, 8, 9, 2.0, add), _resize._by_pytorch(input, 8, 9, 2.0, add)),
-        (
-            torch.ops.anynet.resize_backward(input, 3, 2, 2.0, True),
-            _resize._backward_by_pytorch(input, 3, 2, 2.0, True),
-        ),
+    wide, wide_add = input.double(), add.double()
+    for found, expected in (
+        (_resize._by_pytorch(input, 8, 9, 2.0, add), torch.ops.anynet.resize(wide, 8, 9, 2.0, wide_add)),
+        (_resize._backward_by_pytorch(input, 3, 2, 2.0, True), torch.ops.anynet.resize_backward(wide, 3, 2, 2.0, True)),
     ):
-        assert (theirs.dtype, theirs.stride()) == (dtype, ours.stride())
-        torch.testing.assert_close(theirs, ours, **TOLERANCES[dtype])
+        assert (found.dtype, found.stride()) == (dtype, expected.stride())
+        torch.testing.assert_close(found.double(), expected, **TOLERANCES[dtype])
     assert _resize._by_pytorch(input[:, :0], 8, 9).shape == (2, 0, 8, 9)
     assert _resize._backward_by_pytorch(input[:0], 3, 2, 1.0, False).shape == (0, 3, 3, 2)
     large = torch.full((1, 1, 2, 2), 40000.0).half()
