@@ -5,16 +5,14 @@ from __future__ import annotations
 import glob
 import os
 import re
-import unicodedata
-from collections import Counter
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from anynet.errors import AnyNetError
 from anynet.io.images import endings
+from anynet.names import distinct_names
 
-_STAGE = re.compile(r"_stage\d+$")
 _WILDCARD = re.compile(r"(\*\*/|\*+|\?|\[!?\]?[^\]]*\])")
 
 
@@ -98,7 +96,7 @@ def _matched(left: Mapping[Hashable, Path], right: Mapping[Hashable, Path]) -> t
     common = [key for key in left if key in right]
     alone = [path for key, path in left.items() if key not in right]
     alone += [path for key, path in right.items() if key not in left]
-    names = _names([left[key] for key in common])
+    names = distinct_names([left[key] for key in common])
     return [Pair(name, left[key], right[key]) for name, key in zip(names, common, strict=True)], alone
 
 
@@ -137,46 +135,3 @@ def _text(wildcards: tuple[str, ...]) -> tuple[Hashable, ...]:
 
 def _numbers(wildcards: tuple[str, ...]) -> tuple[Hashable, ...]:
     return tuple(number.lstrip("0") for text in wildcards for number in re.findall("[0-9]+", text))
-
-
-def _names(paths: list[Path]) -> list[str]:
-    """One name per file: without folder and ending if that tells them apart, else with more of the path.
-
-    Not with what links point to: two may point to one file.
-    """
-    above = len(Path(os.path.commonpath([path.parent for path in paths])).parts)
-    ways: tuple[Callable[[Path], str], ...] = (
-        lambda path: path.stem,
-        lambda path: "_".join(path.with_suffix("").parts[above:]),
-    )
-    for name_of in ways:
-        names = [name_of(path) for path in paths]
-        if _numbered(names) == names:
-            return names
-    return _numbered(["_".join(path.parts[above:]).replace(".", "_") for path in paths])
-
-
-def _numbered(names: list[str]) -> list[str]:
-    """The names, with a number behind those whose results would overwrite another's.
-
-    File systems may take names for equal that differ in case or in the form of accents. NAME_stage1 is taken by the
-    earlier stages of NAME.
-    """
-    taken: set[str] = set()
-    reserved: set[str] = set()  # the names of which one is an earlier stage's
-    numbers: Counter[str] = Counter()
-    result = []
-    for name in names:
-        candidate = name
-        while (
-            (key := unicodedata.normalize("NFKC", candidate.casefold())) in taken
-            or key in reserved
-            or _STAGE.sub("", key) in taken
-        ):
-            numbers[name] += 1
-            candidate = f"{name}_{numbers[name] + 1}"
-        taken.add(key)
-        if _STAGE.search(key):
-            reserved.add(_STAGE.sub("", key))
-        result.append(candidate)
-    return result

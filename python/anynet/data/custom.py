@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 from anynet.data.files import Files, PairFiles, files_in, folder, nothing
@@ -12,6 +13,7 @@ from anynet.errors import AnyNetError
 from anynet.io.disparity import FORMATS
 from anynet.io.files import read_text, telling_damage
 from anynet.io.images import endings
+from anynet.names import distinct_names
 
 COLUMNS = ("left", "right", "disparity", "depth", "calibration")
 MAX_ROWS = 200_000
@@ -82,7 +84,7 @@ def table(path: str | Path, scale: str | float | None = None, unit: str | None =
                 raise AnyNetError(f"{path}:{rows.line_num}: expected {wanted}, got {got}")
             files.append(
                 Files(
-                    name=place["left"].stem,
+                    name="",  # once all are known
                     left=place["left"],
                     right=place["right"],
                     disparity=place.get("disparity", place.get("depth")),
@@ -92,7 +94,8 @@ def table(path: str | Path, scale: str | float | None = None, unit: str | None =
                     unit=unit,
                 )
             )
-    return PairFiles(source.stem, files)
+    names = distinct_names([row.left for row in files])
+    return PairFiles(source.stem, [replace(row, name=name) for row, name in zip(files, names, strict=True)])
 
 
 def _factor(scale: str | float | None) -> float | None:

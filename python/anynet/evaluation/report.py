@@ -11,6 +11,7 @@ import numpy as np
 
 from anynet.data import StereoSample
 from anynet.evaluation.evaluate import Evaluation, Method
+from anynet.names import numbered
 from anynet.visualize import RGBImage, stages_image
 
 Results = dict[tuple[str, str, str], Evaluation]
@@ -39,7 +40,7 @@ def markdown(results: Results) -> str:
 
 
 def to_json(results: Results) -> list[dict[str, Any]]:
-    """The same and every image's own scores, for json.dump."""
+    """The same and every image's own scores, for json.dump; names that repeat get numbers."""
     return [
         {
             "method": method,
@@ -52,7 +53,7 @@ def to_json(results: Results) -> list[dict[str, Any]]:
                     "density": stage.density,
                     "mean_over_images": asdict(stage.mean),
                     "pooled_over_pixels": asdict(stage.pooled),
-                    "images": {n: asdict(s) for n, s in zip(evaluation.names, stage.images, strict=True)},
+                    "images": dict(zip(numbered(evaluation.names), map(asdict, stage.images), strict=True)),
                 }
                 for stage in evaluation.stages
             ],

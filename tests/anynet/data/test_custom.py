@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from trees import SIZE, check, tree
 
 from anynet.data import open_dataset
+from anynet.data.custom import table
 from anynet.errors import AnyNetError
 from anynet.io import write_depth, write_disparity, write_image
 
@@ -144,3 +146,13 @@ def test_two_files_of_one_name(root: Path, side: str, ending: str) -> None:
     names = " and ".join(sorted([kept, f"a{ending}"]))
     with pytest.raises(AnyNetError, match=f"{root / side}: expected one file of a name, got {names}"):
         open_dataset(f"folders:{root}")
+
+
+def test_rows_of_equal_file_names_have_different_names(tmp_path: Path) -> None:
+    elsewhere = tmp_path / "b" / "im0.png"
+    (tmp_path / "list.csv").write_text(f"left,right\na/im0.png,a/im1.png\n{elsewhere},b/im1.png\n")
+    assert [row.name for row in table(os.path.relpath(tmp_path / "list.csv")).files] == ["a_im0", "b_im0"]
+    (tmp_path / "list.csv").write_text("left,right\na/0.png,b/0.png\na/0.png,c/0.png\n")
+    assert len({row.name for row in table(tmp_path / "list.csv").files}) == 2
+    (tmp_path / "list.csv").write_text("left,right\n")
+    assert table(tmp_path / "list.csv").files == []

@@ -15,3 +15,10 @@ def test_the_table_of_splits() -> None:
     assert "| 1 | 14.00 ± 3.16 | 10.0 |" in table
     assert "| 2 | 5.00 ± 0.00 | 20.0 |" in table
     assert "of 5 splits" in table
+
+
+def test_every_image_has_an_entry() -> None:
+    images = tuple(Scores(epe, 2, 3, 4, 5, 100) for epe in (1, 2, 3))
+    evaluation = Evaluation(("a", "b", "a"), (Stage(1, images, 10.0, 100.0),))
+    (entry,) = report.to_json({("method", "data", "all"): evaluation})
+    assert {name: scores["epe"] for name, scores in entry["stages"][0]["images"].items()} == {"a": 1, "b": 2, "a_2": 3}
