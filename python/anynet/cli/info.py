@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from typing import Annotated, Any
 
 import typer
+
+from anynet.json_text import json_text
 
 
 def info(
@@ -21,7 +22,7 @@ def info(
     found: dict[str, Any] = {**versions, **anynet_ext.build_info()}
     found["weights"] = {file.stem: load_metadata(file) for file in sorted(PACKAGED.glob("*.safetensors"))}
     if as_json:
-        print(json.dumps(found))
+        print(json_text(found))
         return
     for name, value in found.items():
         print(f"{name}: {' '.join(map(str, value)) if isinstance(value, (list, dict)) else value}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from anynet.cli.told import collected_warnings, tell, tell_warnings
 from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
+from anynet.json_text import json_text
 
 if TYPE_CHECKING:
     from anynet import Estimate, Predictor
@@ -128,7 +128,7 @@ def predict(
             report = _process(pair, predictor, request)
         except AnyNetError as error:
             if as_json:
-                print(json.dumps({"name": pair.name, "error": str(error)}), flush=True)
+                print(json_text({"name": pair.name, "error": str(error)}), flush=True)
             if len(pairs) == 1:
                 raise
             failed += 1
@@ -136,7 +136,7 @@ def predict(
             continue
         tell_warnings([warning for warning in report["warnings"] if warning not in told], pair.name)
         if as_json:
-            print(json.dumps(report), flush=True)
+            print(json_text(report), flush=True)
         else:
             _print(report, files=len(pairs) == 1)
     if failed or alone:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections import deque
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinC
 from anynet.cli.view import show
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
+from anynet.json_text import json_text
 from anynet.trust import Trust
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def stream(
             _run(running, writer, sinks, told, frames, as_json)
         finally:
             summary = running.statistics.summary()
-            print(json.dumps({"summary": summary}) if as_json else _sentence(summary), flush=True)
+            print(json_text({"summary": summary}) if as_json else _sentence(summary), flush=True)
 
 
 def _run(
@@ -158,7 +158,7 @@ def _run(
                 dict.fromkeys([*first, *result.warnings, *(heard.popleft() for _ in range(len(heard)))])
             )
             tell_warnings([warning for warning in report["warnings"] if warning not in told], report["name"])
-            print(json.dumps(report) if as_json else _line(report), flush=True)
+            print(json_text(report) if as_json else _line(report), flush=True)
             if count == frames:
                 running.stop()
 

@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation
 from anynet.io.files import read_bytes, write_atomically
+from anynet.json_text import json_text
 
 
 class RunLog:
@@ -107,7 +108,7 @@ class RunLog:
 
     def _write(self, line: dict[str, Any]) -> None:
         if self._file is not None:
-            self._file.write(json.dumps(line) + "\n")
+            self._file.write(json_text(line) + "\n")
             self._file.flush()
 
 

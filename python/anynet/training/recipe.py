@@ -148,7 +148,7 @@ class Recipe:
             raise AnyNetError(f"smooth_below must be positive, got {self.smooth_below}")
         if not self.robust_scale >= 0:
             raise AnyNetError(f"robust_scale must be positive or 0, got {self.robust_scale}")
-        for name in ("learning_rate", "smooth_below", "robust_scale"):
+        for name in ("learning_rate", "smooth_below", "robust_scale", "max_grad_norm"):
             if math.isinf(getattr(self, name)):
                 raise AnyNetError(f"{name} must be finite, got inf")
         if not 0 <= self.ema_decay < 1:

@@ -82,6 +82,7 @@ def test_stage_weights_must_weigh_something(weights: tuple[float, ...]) -> None:
         ({"learning_rate": math.inf}, "learning_rate must be finite, got inf"),
         ({"smooth_below": math.inf}, "smooth_below must be finite, got inf"),
         ({"robust_scale": math.inf}, "robust_scale must be finite, got inf"),
+        ({"max_grad_norm": math.inf}, "max_grad_norm must be finite, got inf"),
         ({"ema_decay": 1.0}, "ema_decay must be in"),
         ({"schedule": "linear"}, "constant, step or cosine, got 'linear'"),
         ({"input_scale": 2}, "input_scale is for weights to start from"),
