@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
@@ -15,6 +14,8 @@ from anynet.cli.sources import Size, Slop, Topic, Topics, open_source
 from anynet.cli.stopping import stopping
 from anynet.cli.told import tell, tell_warnings
 from anynet.errors import AnyNetError
+from anynet.io.files import check_output
+from anynet.json_text import json_text
 
 if TYPE_CHECKING:
     from anynet.camera.boards import Image, View
@@ -87,6 +88,9 @@ def calibrate(
         raise AnyNetError(f"expected --board COLUMNSxROWS such as 9x6, got {board}")
     target = Board(int(columns), int(rows), square, charuco, dictionary)
 
+    check_output(out)
+    picture = out.with_name(f"{out.stem}_epipolar.png")
+    check_output(picture)
     source = open_source(left, right, split=split, size=size, topics=topics, topic=topic, slop=slop)
     tell_warnings(source.warnings)
     moving = not isinstance(source, ImageFiles)
@@ -117,13 +121,17 @@ def calibrate(
         raise AnyNetError(f"no board of {board} ({'ChArUco' if charuco else 'chessboard'}) found in {left}")
     result = solve(found, here, model.value)
     left_out += result.left_out
-    write_rig(
-        out, result.rig,
-        {"reprojection_error": result.reprojection, "vertical_error": result.vertical, "views": len(result.views)},
-    )  # fmt: skip
-    picture = out.with_name(f"{out.stem}_epipolar.png")
-    write_image(picture, _epipolar(*result.rectification(*shown)))
-    _print(result, left_out, [out, picture], as_json)
+    files: dict[str, str] = {}
+    try:
+        write_rig(
+            out, result.rig,
+            {"reprojection_error": result.reprojection, "vertical_error": result.vertical, "views": len(result.views)},
+        )  # fmt: skip
+        files["calibration"] = str(out)
+        write_image(picture, _epipolar(*result.rectification(*shown)))
+        files["epipolar"] = str(picture)
+    finally:
+        _print(result, left_out, files, as_json)  # also where the disk is full
 
 
 def _frames(source: Source) -> Iterator[Frame]:
@@ -148,7 +156,7 @@ def _epipolar(left: Image, right: Image) -> Image:
     return picture
 
 
-def _print(result: BoardCalibration, left_out: list[tuple[str, str]], files: list[Path], as_json: bool) -> None:
+def _print(result: BoardCalibration, left_out: list[tuple[str, str]], files: dict[str, str], as_json: bool) -> None:
     for name, why in left_out:
         tell(f"{name}: left out: {why}")
     calibration = result.rectification.calibration
@@ -158,13 +166,13 @@ def _print(result: BoardCalibration, left_out: list[tuple[str, str]], files: lis
             "vertical_error": result.vertical, "vertical_error_largest": result.vertical_largest,
             "focal": [float(camera.matrix[0, 0]) for camera in (result.rig.left, result.rig.right)],
             "baseline": result.rig.baseline, "calibration": calibration.values(),
-            "files": {"calibration": str(files[0]), "epipolar": str(files[1])},
+            "files": files,
         }  # fmt: skip
-        print(json.dumps(report))
+        print(json_text(report))
         return
     print(f"{len(result.views)} views used, {len(left_out)} left out")
     print(f"reprojection error {result.reprojection:.3f} pixels (root mean square)")
     print(f"vertical error after rectification {result.vertical:.3f} pixels, at most {result.vertical_largest:.3f}")
     print(f"focal length {calibration.focal:.2f} pixels, baseline {calibration.baseline:.5f} m (rectified)")
-    for file in files:
+    for file in files.values():
         print(file)

@@ -68,6 +68,7 @@ def demo(
             sample, calibration = _rendered(seed) if rendered else _motorcycle()
         prepare = cameras.preparation(calibration, input_scale)
         pair = prepare(sample.left, sample.right)
+    make_folder(out)
 
     from anynet import Predictor
 
@@ -162,7 +163,6 @@ def _write(
     from anynet.trust import within_reach
     from anynet.visualize import stages_image
 
-    make_folder(out)
     truth = np.where(sample.valid, sample.disparity, np.float32(np.nan)) if sample.valid.any() else None
     stages = [(f"stage {e.stage} ({t:.1f} ms)", e.disparity) for e, t in zip(estimates, times, strict=True)]
     files = [out / "stages.png"]

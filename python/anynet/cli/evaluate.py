@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from enum import Enum
-from itertools import count
+from itertools import count, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,8 +16,10 @@ from anynet.cli.network import Device, InputScale, Precision, Threads
 from anynet.cli.told import telling_warnings
 from anynet.cli.trust import LeftRight
 from anynet.errors import AnyNetError
+from anynet.json_text import json_text
 
 if TYPE_CHECKING:
+    from anynet import Predictor
     from anynet.camera import PairPreparation
     from anynet.samples import Dataset
 
@@ -89,6 +90,7 @@ def evaluate(
     """
     import cv2
 
+    from anynet import Predictor
     from anynet.baselines import BaselineConfig, BaselineModel, BaselinePredictor
     from anynet.data import open_dataset
     from anynet.evaluation import opencv, perturbed, report
@@ -105,16 +107,22 @@ def evaluate(
     perturbations = perturbed.chosen(perturb or [])
     if perturbations and splits:
         raise AnyNetError("--perturb excludes --splits")
+    if confidence and (model or method or splits or perturb):
+        raise AnyNetError("--confidence excludes --model, --method, --perturb and --splits")
+    named = [(spec, open_dataset(spec)) for spec in data]
+    for spec, samples in named:
+        if not len(samples):
+            raise AnyNetError(f"data set {spec!r}: expected at least one sample, got none")
+    prepare, origin = _preparation(cameras, named[0][1], input_scale)
+    regions = [choice.value for choice in region or [Region.all]]
+    if out is not None:
+        make_folder(out)  # before the work, not after it
     if confidence:
-        if model or method or splits or perturb:
-            raise AnyNetError("--confidence excludes --model, --method, --perturb and --splits")
-        regions = [choice.value for choice in region or [Region.all]]
-        prepare, origin = _preparation(cameras, open_dataset(data[0]), input_scale)
-        text, values = _confidence(
-            data, weights or ["default"], regions, device, precision, threads, input_scale, left_right, prepare
-        )
-        _tell_results(text, values, out, "confidence")
-        print(origin, end="")
+        predictors = {
+            name: Predictor(name, device=device, precision=precision, threads=threads, input_scale=input_scale)
+            for name in weights or ["default"]
+        }
+        _confidence(predictors, named, regions, left_right, prepare, origin, out)
         return
     methods: list[tuple[str, Method]] = []
     for name in weights or ([] if method or model else ["default"]):
@@ -125,29 +133,20 @@ def evaluate(
         methods.append((f"{name}, random weights", BaselinePredictor(random, device=device, threads=threads).stages))
     for choice in method or []:
         methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))
-    datasets = [open_dataset(spec) for spec in data]
-    for spec, dataset in zip(data, datasets, strict=True):
-        if not len(dataset):
-            raise AnyNetError(f"data set {spec!r}: expected at least one sample, got none")
-    prepare, origin = _preparation(cameras, datasets[0], input_scale)
-    regions = [choice.value for choice in region or [Region.all]]
     if splits and (len(methods) != len(data) or len(regions) > 1):
         raise AnyNetError(
             "--splits: expected one region, and as many weights as data; "
             f"got {len(regions)}, {len(methods)}, {len(data)}"
         )
-    named = list(zip(data, datasets, strict=True))
     # What takes turns, and on what data.
     rounds = (
         [(dict([m]), d) for m, d in zip(methods, named, strict=True)] if splits else [(dict(methods), d) for d in named]
     )
-    if out is not None:
-        make_folder(out)  # before the work, not after it
     progress = Console(stderr=True)
     if perturbations:
         tables: dict[str, report.Results] = {perturbed.CLEAN: {}, **{name: {} for name in perturbations}}
-        for spec, samples in named:
-            for kind, table in tables.items():
+        try:
+            for (spec, samples), (kind, table) in product(named, tables.items()):
                 clean = kind == perturbed.CLEAN
                 changed = samples if clean else perturbed.Perturbed(samples, kind)
                 with progress.status(f"{kind}: {', '.join(dict(methods))} on {spec}"), warnings.catch_warnings():
@@ -155,37 +154,47 @@ def evaluate(
                         warnings.simplefilter("ignore")  # what was done to the images is known
                     for (name, where), evaluation in compare(dict(methods), changed, regions, prepare=prepare).items():
                         table[name, spec, where] = evaluation
-        values = {kind: report.to_json(table) for kind, table in tables.items()}
-        _tell_results(perturbed.markdown(tables) + origin, values, out, "results")
+        finally:  # of what was measured before an error, too
+            if tables[perturbed.CLEAN]:
+                values = {kind: report.to_json(table) for kind, table in tables.items()}
+                _tell_results(perturbed.markdown(tables) + origin, values, out, "results")
         return
     results: report.Results = {}
-    numbers = count()  # of the figures
-    for runs, (spec, samples) in rounds:
-        with progress.status(f"{', '.join(runs)} on {spec}"):
-            for run in runs.values():
-                for _ in run(samples[0].left, samples[0].right):
-                    pass  # a first time, which pays for the memory
-            for (name, where), evaluation in compare(runs, samples, regions, prepare=prepare).items():
-                results[name, spec, where] = evaluation
-        if out is not None:
+    try:
+        for runs, (spec, samples) in rounds:
+            with progress.status(f"{', '.join(runs)} on {spec}"):
+                for run in runs.values():
+                    for _ in run(samples[0].left, samples[0].right):
+                        pass  # a first time, which pays for the memory
+                for (name, where), evaluation in compare(runs, samples, regions, prepare=prepare).items():
+                    results[name, spec, where] = evaluation
+    finally:  # of what was measured before an error, too
+        if results:
+            text = (report.splits_markdown(list(results.values())) if splits else report.markdown(results)) + origin
+            _tell_results(text, report.to_json(results), out, "results")
+    if out is not None:
+        numbers = count()
+        for runs, (_, samples) in rounds:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # it was told
-                (pair,) = prepared(samples[:1], prepare)
+                pair = next(prepared(samples, prepare))
             for run in runs.values():
                 write_image(out / f"{next(numbers)}.png", report.figure(pair.method(run), pair.sample))
-    text = (report.splits_markdown(list(results.values())) if splits else report.markdown(results)) + origin
-    _tell_results(text, report.to_json(results), out, "results")
 
 
 def _tell_results(text: str, values: object, out: Path | None, name: str) -> None:
-    """Prints a table; into the folder `out`, if there is one, it goes too, and its values as JSON."""
-    from anynet.io.files import make_folder, write_atomically
+    """Prints a table; into the folder `out`, if there is one, it goes too, and its values as JSON.
 
-    if out is not None:
-        make_folder(out)
-        write_atomically(out / f"{name}.md", text.encode())
-        write_atomically(out / f"{name}.json", json.dumps(values, indent=2).encode())
-    print(text, end="")
+    If one of them fails, the other is still done.
+    """
+    from anynet.io.files import write_atomically
+
+    try:
+        print(text, end="", flush=True)
+    finally:
+        if out is not None:
+            write_atomically(out / f"{name}.md", text.encode())
+            write_atomically(out / f"{name}.json", json_text(values, indent=2).encode())
 
 
 def _preparation(cameras: CameraOptions, samples: Dataset, input_scale: float | None) -> tuple[PairPreparation, str]:
@@ -200,30 +209,22 @@ def _preparation(cameras: CameraOptions, samples: Dataset, input_scale: float | 
 
 
 def _confidence(
-    data: list[str],
-    weights: list[str],
+    predictors: dict[str, Predictor],
+    named: list[tuple[str, Dataset]],
     regions: list[str],
-    device: str,
-    precision: str,
-    threads: int | None,
-    input_scale: float | None,
     left_right: bool,
     prepare: PairPreparation,
-) -> tuple[str, object]:
-    """The table, and its values."""
-    from anynet import Predictor
-    from anynet.data import open_dataset
-    from anynet.evaluation.confidence import evaluate_confidence, markdown, to_json
+    origin: str,
+    out: Path | None,
+) -> None:
+    """Measures, and tells, how good the confidences are."""
+    from anynet.evaluation.confidence import ConfidenceScores, evaluate_confidence, markdown, to_json
 
-    results = {}
-    predictors = {
-        name: Predictor(name, device=device, precision=precision, threads=threads, input_scale=input_scale)
-        for name in weights
-    }
-    for spec in data:
-        samples = open_dataset(spec)
-        for name, predictor in predictors.items():
-            for region in regions:
-                scores = evaluate_confidence(predictor, samples, region, left_right=left_right, prepare=prepare)
-                results[name, spec, region] = scores
-    return markdown(results), to_json(results)
+    results: dict[tuple[str, str, str], dict[int, ConfidenceScores]] = {}
+    try:
+        for (spec, samples), (name, predictor), region in product(named, predictors.items(), regions):
+            scores = evaluate_confidence(predictor, samples, region, left_right=left_right, prepare=prepare)
+            results[name, spec, region] = scores
+    finally:  # of what was measured before an error, too
+        if results:
+            _tell_results(markdown(results) + origin, to_json(results), out, "confidence")

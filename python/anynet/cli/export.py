@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from anynet.errors import AnyNetError
-from anynet.io.files import make_folder
+from anynet.io.files import check_output
 
 
 class Format(str, Enum):
@@ -37,11 +36,9 @@ def export(
 
     Inputs are left and right, uint8 RGB [H, W, 3]; outputs are disparity_1, disparity_2 ..., float32 [H, W], in pixels.
     """
-    if out.is_dir():
-        raise AnyNetError(f"{out}: expected the name of a file, got a folder")
     from anynet.export import export_as
     from anynet.export.network import Request
 
-    make_folder(out.parent)
+    check_output(out)
     export_as(format.value, Request(weights, height, width, stages, dynamic), out)
     print(out)

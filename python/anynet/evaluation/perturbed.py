@@ -46,15 +46,19 @@ def chosen(names: Sequence[str]) -> list[str]:
 def markdown(results: dict[str, Results]) -> str:
     """One row per method, data set and region: D1 of the last stage, clean and (over clean) with each perturbation.
 
+    What lacks a perturbation is left out.
+
     results: by perturbation, `CLEAN` first.
     """
     lines = [
         f"| method | data | region | {' | '.join(results)} |",
         "|" + " --- |" * 3 + " ---: |" * len(results),
     ]
-    for method, data, region in results[CLEAN]:
-        d1 = [by_key[method, data, region].stages[-1].mean.d1 for by_key in results.values()]
+    for key in results[CLEAN]:
+        if not all(key in by_key for by_key in results.values()):
+            continue
+        d1 = [by_key[key].stages[-1].mean.d1 for by_key in results.values()]
         cells = [f"{d1[0]:.2f}"] + [f"{value:.2f} ({value / d1[0] if d1[0] else np.inf:.2f}x)" for value in d1[1:]]
-        lines.append(f"| {method} | {data} | {region} | {' | '.join(cells)} |")
+        lines.append(f"| {' | '.join((*key, *cells))} |")
     lines += ["", "D1, %, of the last stage, mean over images; in brackets, over that of the clean images."]
     return "\n".join(lines) + "\n"

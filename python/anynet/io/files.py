@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 import stat
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -141,6 +142,22 @@ def make_folder(path: str | os.PathLike[str]) -> None:
         Path(path).mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise AnyNetError(f"cannot make the folder {path}: {reason(error)}") from error
+
+
+def check_output(path: str | os.PathLike[str]) -> None:
+    """For long work that ends with writing a file: makes its folder, if missing, and tries to write there.
+
+    Raises:
+        AnyNetError: if the path is a folder, or its folder cannot be made or written to.
+    """
+    if os.path.isdir(path):
+        raise AnyNetError(f"{path}: expected the name of a file, got a folder")
+    folder = Path(path).parent
+    make_folder(folder)
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise AnyNetError(f"cannot write {path}: {reason(error)}") from error
 
 
 def reason(error: Exception) -> str:

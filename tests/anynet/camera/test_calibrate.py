@@ -280,3 +280,36 @@ def test_mistakes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         assert main(["calibrate", *arguments, "--out", str(tmp_path / "rig.yaml")]) == 2
         assert message in capsys.readouterr().err
     assert not (tmp_path / "rig.yaml").exists()
+
+
+def test_an_output_that_cannot_be_written_is_told_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "rig_epipolar.png").mkdir()
+    for out, message in (
+        (tmp_path, f"{tmp_path}: expected the name of a file, got a folder"),
+        (tmp_path / "rig.yaml", f"{tmp_path / 'rig_epipolar.png'}: expected the name of a file, got a folder"),
+        (tmp_path / "file" / "rig.yaml", f"cannot make the folder {tmp_path / 'file'}: File exists"),
+    ):
+        assert main(["calibrate", "none.mp4", "none.mp4", "--out", str(out)]) == 2
+        assert capsys.readouterr().err == f"anynet: {message}\n"
+
+
+def test_a_result_that_cannot_be_written_is_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(tmp_path, [(np.zeros((*rendering.SIZE[::-1], 3), np.uint8),) * 2] * 12)
+    views = iter(calculated(rendering.rig(), 12))
+    monkeypatch.setattr("anynet.camera.boards.find_view", lambda *_: next(views))
+
+    def full(*_: object) -> None:
+        raise AnyNetError("cannot write: No space left on device")
+
+    monkeypatch.setattr("anynet.camera.write.write_rig", full)
+    arguments = ["calibrate", str(tmp_path / "left"), str(tmp_path / "right"), "--out", str(tmp_path / "rig.yaml")]
+    assert main([*arguments, "--json"]) == 2
+    streams = capsys.readouterr()
+    report = json.loads(streams.out)
+    assert (report["views"], report["files"]) == (12, {})
+    assert streams.err == "anynet: cannot write: No space left on device\n"

@@ -70,6 +70,12 @@ def test_mistakes(run: Run, weights: Path, tmp_path: Path, arguments: list[str],
     assert not (tmp_path / "out").exists()
 
 
+def test_an_output_folder_that_cannot_be_made(run: Run, pair: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    result = run("demo", *pair, "--out", tmp_path / "file", "--weights", "none")  # told before the weights are opened
+    assert (result.status, result.err) == (2, f"anynet: cannot make the folder {tmp_path / 'file'}: File exists\n")
+
+
 def test_a_truth_of_another_size(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
     write_disparity(tmp_path / "truth.npy", np.zeros((2, 3), np.float32))
     result = run("demo", *pair, "--truth", tmp_path / "truth.npy", "--weights", weights, "--out", tmp_path / "out")

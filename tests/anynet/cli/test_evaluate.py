@@ -11,6 +11,8 @@ from anynet import AnyNet, save_checkpoint
 from anynet.cli import main
 from anynet.io import write_image
 
+SMALL = "render:1?height=64&width=128"
+
 
 def test_tables_and_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     weights = tmp_path / "weights.safetensors"
@@ -60,3 +62,39 @@ def test_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_every_split_wants_data(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "--splits", "--method", "bm", "--data", "render:1", "--data", "render:1"]) == 2
     assert "as many weights as data; got 1, 1, 2" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [[], ["--confidence"]])
+def test_an_output_folder_that_cannot_be_made_is_told_first(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, options: list[str]
+) -> None:
+    def worked(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr("anynet.evaluation.evaluate.compare", worked)
+    monkeypatch.setattr("anynet.evaluation.confidence.evaluate_confidence", worked)
+    (tmp_path / "file").touch()
+    assert main(["evaluate", "--data", "render:1", "--out", str(tmp_path / "file"), *options]) == 2
+    assert capsys.readouterr().err == f"anynet: cannot make the folder {tmp_path / 'file'}: File exists\n"
+
+
+@pytest.mark.parametrize("options", [[], ["--confidence"], ["--perturb", "dark"]])
+def test_a_table_that_cannot_be_written_is_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str]
+) -> None:
+    (tmp_path / ("confidence.md" if "--confidence" in options else "results.md")).mkdir()
+    assert main(["evaluate", "--data", SMALL, "--out", str(tmp_path), *options]) == 2
+    streams = capsys.readouterr()
+    assert f"| default | {SMALL} | all |" in streams.out
+    assert streams.err.startswith("anynet: cannot write ")
+
+
+@pytest.mark.parametrize("options", [[], ["--confidence"], ["--perturb", "dark"]])
+def test_what_was_measured_before_an_error_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str]
+) -> None:
+    (tmp_path / "pairs.csv").write_text("left,right\nnone.png,none.png\n")
+    assert main(["evaluate", "--data", SMALL, "--data", f"csv:{tmp_path / 'pairs.csv'}", *options]) == 2
+    streams = capsys.readouterr()
+    assert f"| default | {SMALL} | all |" in streams.out
+    assert f"anynet: cannot read {tmp_path / 'none.png'}" in streams.err

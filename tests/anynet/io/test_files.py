@@ -13,6 +13,7 @@ from anynet.errors import AnyNetError
 from anynet.io import write_atomically
 from anynet.io.files import (
     MAX_PIXELS,
+    check_output,
     check_regular,
     check_size,
     make_folder,
@@ -87,6 +88,20 @@ def test_make_folder(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(AnyNetError, match=r"cannot make the folder .*file: File exists"):
         make_folder(tmp_path / "file")
+
+
+def test_check_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check_output(tmp_path / "made" / "file")
+    assert list((tmp_path / "made").iterdir()) == []
+    with pytest.raises(AnyNetError, match="made: expected the name of a file, got a folder"):
+        check_output(tmp_path / "made")
+
+    def refuse(**_: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    with pytest.raises(AnyNetError, match=r"cannot write .*file: Permission denied"):
+        check_output(tmp_path / "file")
 
 
 def test_devices_and_pipes_are_refused_not_read(tmp_path: Path) -> None:
