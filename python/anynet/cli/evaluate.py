@@ -97,6 +97,7 @@ def evaluate(
     from anynet.evaluation.evaluate import Method, compare
     from anynet.evaluation.methods import open_method
     from anynet.evaluation.prepared import prepared
+    from anynet.evaluation.truth import with_truth
     from anynet.io import write_image
     from anynet.io.files import make_folder
 
@@ -177,7 +178,7 @@ def evaluate(
         for runs, (_, samples) in rounds:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # it was told
-                pair = next(prepared(samples, prepare))
+                pair = next(prepared(with_truth(samples), prepare))
             for run in runs.values():
                 write_image(out / f"{next(numbers)}.png", report.figure(pair.method(run), pair.sample))
 

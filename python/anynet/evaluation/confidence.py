@@ -11,9 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from anynet.camera import PairPreparation
+from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import region_mask
 from anynet.evaluation.metrics import Mask, within_d1
 from anynet.evaluation.prepared import prepared
+from anynet.evaluation.truth import with_truth
 from anynet.predictor import Predictor
 from anynet.samples import StereoSample
 
@@ -56,12 +58,12 @@ def evaluate_confidence(
     """The scores of every stage, by its number; of samples rectified and checked by `prepare`, if that is given.
 
     Raises:
-        AnyNetError: if a sample does not tell `region`, or is not one of `prepare`'s cameras.
+        AnyNetError: if no pixel counts, or a sample does not tell `region` or is not one of `prepare`'s cameras.
     """
     asked = partial(predictor.stages, confidence=True, left_right=left_right)
     images: dict[int, list[tuple[float, ...]]] = {}
     calibrations: dict[int, Calibration] = {}
-    for pair in prepared(samples, prepare):
+    for pair in prepared(with_truth(samples), prepare):
         sample = pair.sample
         mask = region_mask(sample, region, pair.min_disparity)
         if not mask.any():
@@ -73,6 +75,8 @@ def evaluate_confidence(
             correct = within_d1(estimate.disparity[mask], sample.disparity[mask])
             images.setdefault(estimate.stage, []).append((*sparsification(confidence, correct), estimate.elapsed_ms))
             calibrations.setdefault(estimate.stage, Calibration()).add(confidence, correct)
+    if not images:
+        raise AnyNetError(f"no pixel of region {region!r} has a disparity that counts")
     scores = {}
     for stage, rows in images.items():
         d1, sparse, oracle, area, _ = map(float, np.mean(rows, axis=0))

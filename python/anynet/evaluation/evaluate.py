@@ -13,7 +13,7 @@ from anynet.camera import PairPreparation
 from anynet.errors import AnyNetError
 from anynet.evaluation.metrics import Disparity, Mask, Scores, mean, pooled, scores
 from anynet.evaluation.prepared import prepared
-from anynet.evaluation.truth import check_truth
+from anynet.evaluation.truth import check_truth, with_truth
 from anynet.predictor import Estimate
 from anynet.samples import MAX_DISPARITY, StereoSample
 
@@ -104,21 +104,21 @@ def compare(
 
     The methods take turns, image by image, so that their times can be compared on a machine whose speed drifts.
 
+    Samples without a known disparity are left out, and told.
+
     Warns if a sample's truth looks wrong, such as in another scale, and of what `prepare` finds. Where that looks for
     disparities from another one than 0 on, those count; its time does not.
 
     Raises:
-        AnyNetError: if there are no samples, or a sample does not tell a region.
+        AnyNetError: if there are no samples, none with a known disparity, or a sample does not tell a region.
     """
-    if not len(samples):
-        raise AnyNetError("no pairs to evaluate on")
     names: list[str] = []
     by_stage: dict[tuple[str, str], dict[int, list[tuple[Scores, float, int]]]] = {
         (name, region): {} for name in methods for region in regions
     }
     doubts: list[tuple[str, str]] = []
     least = 0
-    for pair in prepared(samples, prepare):
+    for pair in prepared(with_truth(samples), prepare):
         sample = pair.sample
         masks = {region: region_mask(sample, region, pair.min_disparity) for region in regions}
         names.append(sample.name)

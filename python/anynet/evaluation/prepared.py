@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -43,7 +43,7 @@ class PreparedSample:
         return moved if columns else method
 
 
-def prepared(samples: Sequence[StereoSample], prepare: PairPreparation | None) -> Iterator[PreparedSample]:
+def prepared(samples: Iterable[StereoSample], prepare: PairPreparation | None) -> Iterator[PreparedSample]:
     """The samples one by one; warns at the end of what was found or done, each kind once.
 
     The truth of raw images is taken to be that of the rectified left view.

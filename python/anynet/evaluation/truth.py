@@ -1,14 +1,41 @@
-"""Whether a ground truth can be one: its sign, its range, and its scale against an estimate."""
+"""Whether there is a ground truth, and whether it can be one: its sign, range, and scale against an estimate."""
 
 from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from anynet.errors import AnyNetError
 from anynet.samples import MAX_DISPARITY, StereoSample
 
 _FACTOR, _SPREAD = 1.4, 0.15  # truth to estimate, either way; and how little the factor's logarithm may vary (median)
 _FEWEST = 100  # pixels
+_NAMED = 8  # of the pairs without truth
+
+
+def with_truth(samples: Sequence[StereoSample]) -> Iterator[StereoSample]:
+    """The samples of which some disparity is known, one by one; warns at the end of the others.
+
+    Raises:
+        AnyNetError: if there are no samples, or none of which some is known.
+    """
+    if not len(samples):
+        raise AnyNetError("no pairs to evaluate on")
+    unknown = []
+    for sample in samples:
+        if sample.valid.any():
+            yield sample
+        else:
+            unknown.append(sample.name)
+    others = f" (and {len(unknown) - _NAMED} more)" if len(unknown) > _NAMED else ""
+    names = ", ".join(unknown[:_NAMED]) + others
+    if len(unknown) == len(samples):
+        raise AnyNetError(f"expected pairs with known disparities to evaluate on, got none: {names}")
+    if unknown:
+        warnings.warn(f"{names}: no known disparity, left out", stacklevel=2)
 
 
 def check_truth(sample: StereoSample, estimate: npt.NDArray[np.float32]) -> list[str]:

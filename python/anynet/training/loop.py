@@ -78,6 +78,9 @@ def train(
         if recipe.amp and group.device.type == "cpu" and group.is_main:
             warnings.warn("amp is for CUDA: on a CPU it saves no time", stacklevel=2)
         if group.is_main:
+            for what, samples in (("data", data), *((f"validation {name}", v) for name, v in validation.items())):
+                if not any(sample.valid.any() for sample in samples):  # the first one, as a rule
+                    raise AnyNetError(f"{what}: expected pairs with known disparities, got none")
             _begin(recipe, out, resume)
         group.barrier()
         return _Run(recipe, out, data, validation, group).go()

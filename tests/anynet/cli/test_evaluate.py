@@ -98,3 +98,37 @@ def test_what_was_measured_before_an_error_is_told(
     streams = capsys.readouterr()
     assert f"| default | {SMALL} | all |" in streams.out
     assert f"anynet: cannot read {tmp_path / 'none.png'}" in streams.err
+
+
+@pytest.mark.parametrize("options", [[], ["--confidence"]])
+def test_pairs_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str]) -> None:
+    """Left out, also of the figures; out of range, they are null in the JSON."""
+    for name in ("a", "b", "c"):
+        write_image(tmp_path / f"{name}.png", np.zeros((64, 96, 3), np.uint8))
+    np.save(tmp_path / "b.npy", np.full((64, 96), 9, np.float32))
+    np.save(tmp_path / "c.npy", np.full((64, 96), 300, np.float32))
+    table, out = tmp_path / "pairs.csv", tmp_path / "out"
+    arguments = ["evaluate", "--data", f"csv:{table}", "--no-check", "--out", str(out), *options]
+
+    table.write_text("left,right\na.png,a.png\n")
+    assert main(arguments) == 2
+    streams = capsys.readouterr()
+    assert (streams.out, streams.err) == (
+        "", "anynet: expected pairs with known disparities to evaluate on, got none: a\n",
+    )  # fmt: skip
+
+    table.write_text("left,right,disparity\na.png,a.png,\nb.png,b.png,b.npy\nc.png,c.png,c.npy\n")
+    assert main(arguments) == 0
+    assert "anynet: warning: a: no known disparity, left out\n" in capsys.readouterr().err
+    if not options:
+        text = (out / "results.json").read_text()
+        images = json.loads(text)[0]["stages"][0]["images"]
+        assert "NaN" not in text
+        assert list(images) == ["b", "c"]
+        assert images["c"]["epe"] is None
+        assert (out / "0.png").exists()
+
+    table.write_text("left,right,disparity\nc.png,c.png,c.npy\n")
+    if options:
+        assert main(arguments) == 2
+        assert "no pixel of region 'all' has a disparity that counts" in capsys.readouterr().err

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from anynet.evaluation.truth import check_truth
+from anynet.errors import AnyNetError
+from anynet.evaluation.truth import check_truth, with_truth
 from anynet.samples import StereoSample
 
 RNG = np.random.default_rng(0)
@@ -34,3 +35,17 @@ def test_the_other_sign_and_the_wrong_range() -> None:
     assert "all known disparities are negative" in finding
     (finding,) = findings(ESTIMATE + 300)
     assert "no pixel counts (0 < d < 192): the known disparities are 30" in finding
+
+
+def sample_of(name: str, disparity: float) -> StereoSample:
+    truth = np.full((2, 3), disparity, np.float32)
+    return StereoSample(*np.zeros((2, 2, 3, 3), np.uint8), truth, np.isfinite(truth), name=name)
+
+
+def test_pairs_without_truth_are_told_and_left_out() -> None:
+    samples = [sample_of(str(number), np.nan) for number in range(10)] + [sample_of("known", 1)]
+    with pytest.warns(UserWarning, match="no known disparity") as told:
+        assert [sample.name for sample in with_truth(samples)] == ["known"]
+    assert [str(w.message) for w in told] == ["0, 1, 2, 3, 4, 5, 6, 7 (and 2 more): no known disparity, left out"]
+    with pytest.raises(AnyNetError, match="expected pairs with known disparities to evaluate on, got none: 0, 1"):
+        list(with_truth(samples[:2]))

@@ -240,6 +240,13 @@ def test_partial_weights_begin_a_larger_network(tmp_path: Path) -> None:
 def test_nothing_to_train_on(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match="expected pairs to train on"):
         train(RECIPE, tmp_path, data=Planes(0))
+    sample = Planes(1)[0]
+    unknown = [replace(sample, valid=np.zeros_like(sample.valid))]
+    with pytest.raises(AnyNetError, match="data: expected pairs with known disparities, got none"):
+        train(RECIPE, tmp_path, data=unknown)
+    with pytest.raises(AnyNetError, match="validation mine: expected pairs with known disparities, got none"):
+        train(RECIPE, tmp_path, data=Planes(4), validation={"mine": unknown})  # before the steps, not after them
+    assert not (tmp_path / LOG).exists()
 
 
 @pytest.fixture
