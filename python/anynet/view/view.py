@@ -163,7 +163,10 @@ class View:
         self.estimate = estimate
         if self.page.save.is_set():
             self.page.save.clear()
-            self._save(frame, pair, estimate, kept, settings)
+            try:
+                self._save(frame, pair, estimate, kept, settings)
+            except AnyNetError as error:
+                self.page.tell(f"**{error}**")
 
     def _compute(self, pair: PreparedPair, settings: Settings) -> tuple[Estimate, list[float]]:
         """The best estimate in the budget, and what all stages took when they were last all computed."""

@@ -68,6 +68,15 @@ def test_controls(view: View) -> None:
     assert {"scene_disparity.png", "scene_confidence.png", "scene_occluded.png", "scene_cloud.ply"} <= names
 
 
+def test_a_save_that_fails_is_told_on_the_page(view: View) -> None:
+    view._out.touch()
+    view.page._asked(view.page.save)
+    wait(lambda: shown(view)[1].startswith(f"**cannot make the folder {view._out}: "))
+    view._out.unlink()
+    view.page._asked(view.page.save)
+    wait(lambda: shown(view)[1].startswith("saved to"))
+
+
 @pytest.mark.slow
 def test_in_a_browser(view: View, tmp_path: Path) -> None:
     selenium = pytest.importorskip("selenium", reason="the browser test needs selenium")
