@@ -78,7 +78,7 @@ class PairPreparation:
         reach: the largest disparity that the network finds, pixels (see `anynet.camera.plausibility.reach_of`).
 
     Raises:
-        AnyNetError: if the images are said to be raw but nothing is known of raw cameras.
+        AnyNetError: if the images are said to be raw, or `alpha` is given, but nothing is known of raw cameras.
     """
 
     def __init__(
@@ -93,10 +93,13 @@ class PairPreparation:
         reach: float = MAX_DISPARITY,
     ) -> None:
         rig = cameras if isinstance(cameras, StereoRig) else None if cameras is None else cameras.rig
+        origin = f" ({cameras.origin})" if isinstance(cameras, Calibration) and cameras.origin else ""
         if raw and rig is None:
-            origin = f" ({cameras.origin})" if isinstance(cameras, Calibration) and cameras.origin else ""
             raise AnyNetError(f"expected a calibration of raw cameras to rectify with (--raw), got none{origin}")
         self._cameras = rig if raw else cameras
+        if alpha is not None and not isinstance(self._cameras, StereoRig):
+            hint = "" if rig is None else "; it describes the raw cameras too: if the images are raw, use --raw"
+            raise AnyNetError(f"alpha (--alpha) belongs to a calibration of raw cameras, got none{origin}{hint}")
         self._raw = isinstance(self._cameras, StereoRig) and raw is not False
         self._alpha = alpha
         self._check = check

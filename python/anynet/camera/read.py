@@ -60,7 +60,10 @@ def read_calibration(
     where = ", ".join(str(document.path) for document in documents)
     try:
         with telling_damage(where, "damaged calibration"):
-            found = _format(documents).read(documents, request)
+            format = _format(documents)
+            if pair is not None and format.name != "KITTI":
+                raise AnyNetError(f"pair (--calib-pair) belongs to KITTI's calibrations, got one of {format.name}")
+            found = format.read(documents, request)
             result = _finished(found, replace or {})
     except AnyNetError as error:
         raise AnyNetError(str(error) if where in str(error) else f"{where}: {error}") from error

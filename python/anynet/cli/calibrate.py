@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from anynet.camera.calibrate import BoardCalibration
     from anynet.streams import Frame, Source
 
+_DICTIONARY, _VIEWS = "4X4_50", 40
 _STEP = 10  # frames of a video from one look to the next
 _MOVED = 0.04  # of the image's width that the board moves from one view of a video to another
 _LINES = 20  # epipolar lines in the picture
@@ -56,7 +57,9 @@ def calibrate(
     charuco: Annotated[
         float, typer.Option(help="A ChArUco board with markers of this side, meters.", show_default="a chessboard")
     ] = 0.0,
-    dictionary: Annotated[str, typer.Option(help="Of the markers, such as 4X4_50 or 5X5_1000.")] = "4X4_50",
+    dictionary: Annotated[
+        str | None, typer.Option(help="Of the markers, such as 4X4_50 or 5X5_1000.", show_default=_DICTIONARY)
+    ] = None,
     model: Annotated[Model, typer.Option(help="Lenses: 5 coefficients, 8, or fisheye.")] = Model.pinhole,
     split: Annotated[
         bool, typer.Option("--split", help="Each image has both views side by side, the left one first.")
@@ -64,8 +67,11 @@ def calibrate(
     size: Size = None,
     topics: Topics = None,
     topic: Topic = None,
-    slop: Slop = 0.01,
-    views: Annotated[int, typer.Option(min=5, max=500, help="Stop a video or camera after so many views.")] = 40,
+    slop: Slop = None,
+    views: Annotated[
+        int | None,
+        typer.Option(min=5, max=500, help="Stop a video or camera after so many views.", show_default=str(_VIEWS)),
+    ] = None,
     out: Annotated[Path, typer.Option(help="The calibration; the picture gets its name and _epipolar.png.")] = Path(
         "stereo.yaml"
     ),
@@ -86,7 +92,9 @@ def calibrate(
     columns, _, rows = board.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and len(board) < 12):
         raise AnyNetError(f"expected --board COLUMNSxROWS such as 9x6, got {board}")
-    target = Board(int(columns), int(rows), square, charuco, dictionary)
+    if dictionary is not None and not charuco:
+        raise AnyNetError("--dictionary belongs to --charuco")
+    target = Board(int(columns), int(rows), square, charuco, dictionary or _DICTIONARY)
 
     check_output(out)
     picture = out.with_name(f"{out.stem}_epipolar.png")
@@ -94,6 +102,8 @@ def calibrate(
     source = open_source(left, right, split=split, size=size, topics=topics, topic=topic, slop=slop)
     tell_warnings(source.warnings)
     moving = not isinstance(source, ImageFiles)
+    if views is not None and not moving:
+        raise AnyNetError(f"--views belongs to videos, cameras and recordings, got images: {left}")
     found: list[View] = []
     left_out: list[tuple[str, str]] = []
     here: tuple[int, int] | None = None
@@ -115,7 +125,7 @@ def calibrate(
                 found.append(view)
                 shown = frame.left, frame.right
                 status.update(f"{len(found)} views; looking for the board")
-                if moving and len(found) == views:
+                if moving and len(found) == (views or _VIEWS):
                     break
     if here is None or shown is None:
         raise AnyNetError(f"no board of {board} ({'ChArUco' if charuco else 'chessboard'}) found in {left}")

@@ -40,7 +40,7 @@ def demo(
     cameras: CameraOptions = UNKNOWN,
     save_rectified: Annotated[bool, typer.Option("--save-rectified", help="Write the rectified images too.")] = False,
     rendered: Annotated[bool, typer.Option("--rendered", help="Use a rendered scene.")] = False,
-    seed: Annotated[int, typer.Option(help="Which rendered scene.")] = 0,
+    seed: Annotated[int | None, typer.Option(help="Which rendered scene.", show_default="0")] = None,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("anynet-demo"),
     weights: Weights = "default",
     input_scale: InputScale = None,
@@ -59,13 +59,17 @@ def demo(
         raise AnyNetError("--rendered and a pair of images exclude each other")
     if left is None and (truth or cameras.calibrated):
         raise AnyNetError("--truth and --calib belong to a pair of images")
+    if truth is None and truth_scale is not None:
+        raise AnyNetError("--truth-scale belongs to --truth")
+    if not rendered and seed is not None:
+        raise AnyNetError("--seed belongs to --rendered")
 
     with collected_warnings() as told:
         if left is not None and right is not None:
             sample = _own(left, right, truth, truth_scale)
             calibration = cameras.read(left, (sample.left.shape[1], sample.left.shape[0]))
         else:
-            sample, calibration = _rendered(seed) if rendered else _motorcycle()
+            sample, calibration = _rendered(seed or 0) if rendered else _motorcycle()
         prepare = cameras.preparation(calibration, input_scale)
         pair = prepare(sample.left, sample.right)
     make_folder(out)

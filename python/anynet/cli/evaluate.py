@@ -110,6 +110,10 @@ def evaluate(
         raise AnyNetError("--perturb excludes --splits")
     if confidence and (model or method or splits or perturb):
         raise AnyNetError("--confidence excludes --model, --method, --perturb and --splits")
+    if method and not (weights or model) and (input_scale, device, precision) != (None, "cpu", "float32"):
+        raise AnyNetError("--input-scale, --device and --precision belong to networks: --weights or --model")
+    if model and precision != "float32":
+        raise AnyNetError("--precision belongs to --weights, not to --model")
     named = [(spec, open_dataset(spec)) for spec in data]
     for spec, samples in named:
         if not len(samples):

@@ -106,6 +106,8 @@ def predict(
 
     with collected_warnings() as told:
         calibration = cameras.read(pairs[0].left, _size(pairs[0].left) if cameras.calib else None)
+    if calibration is None and (depth_format or max_depth is not None):
+        raise AnyNetError("--depth-format and --max-depth belong to a calibration (--calib, or --focal and --baseline)")
     prepare = cameras.preparation(calibration, input_scale)
     inputs = file_ids(path for pair in pairs for path in (pair.left, pair.right))
     writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth, inputs)

@@ -28,8 +28,19 @@ Topics = Annotated[
     tuple[str, str] | None, typer.Option(help="Of a recording: left and right.", show_default="found by names")
 ]
 Topic = Annotated[str | None, typer.Option(help="Of a recording with --split.", show_default="found")]
-Slop = Annotated[float, typer.Option(min=0, help="Seconds that left and right images of a recording may be apart.")]
-Reconnect = Annotated[float, typer.Option(min=0, help="Seconds to go on trying to open a live source that stopped.")]
+_SLOP, _RECONNECT = 0.01, 10.0
+Slop = Annotated[
+    float | None,
+    typer.Option(
+        min=0, help="Seconds that left and right images of a recording may be apart.", show_default=str(_SLOP)
+    ),
+]
+Reconnect = Annotated[
+    float | None,
+    typer.Option(
+        min=0, help="Seconds to go on trying to open a live source that stopped.", show_default=str(_RECONNECT)
+    ),
+]
 
 _BAGS = {".bag", ".mcap", ".db3"}
 _FORMAT = "expected a size like 1280x720"
@@ -44,8 +55,8 @@ def open_source(
     size: str | None = None,
     topics: tuple[str, str] | None = None,
     topic: str | None = None,
-    slop: float = 0.01,
-    reconnect: float = 10.0,
+    slop: float | None = None,
+    reconnect: float | None = None,
 ) -> Source:
     """Opens what `anynet stream` takes.
 
@@ -61,7 +72,7 @@ def open_source(
         reconnect: see `Capture`.
 
     Raises:
-        AnyNetError: if it cannot be opened.
+        AnyNetError: if it cannot be opened, or an option is not one of such a source.
     """
     from anynet.streams import Capture, ImageFiles, Recording
 
@@ -71,22 +82,26 @@ def open_source(
         raise AnyNetError(f"expected a rate above 0, up to 1000 frames per second, got {rate:g}")
     if split and right is not None:
         raise AnyNetError("--split is for one source that has both images side by side, got two")
+    if topics and topic is not None:
+        raise AnyNetError("--topic and --topics exclude each other")
+    names = [source] if right is None else [source, right]
+    live = [_is_live(name) for name in names]
+    if not any(live) and (asked is not None or reconnect is not None):
+        raise AnyNetError(f"--size and --reconnect belong to live sources, got {source}")
     if _is_recording(source):
         if right is not None:
             raise AnyNetError(f"expected no RIGHT beside the recording {source}, which has both; see --topics")
-        return Recording(source, named, split, slop)
-    if named:
-        raise AnyNetError(f"--topics belongs to ROS bags and MCAP files, got {source}")
+        return Recording(source, named, split, _SLOP if slop is None else slop)
+    if named or slop is not None:
+        raise AnyNetError(f"--topic, --topics and --slop belong to ROS bags and MCAP files, got {source}")
     if not split and right is None:
         raise AnyNetError(
             f"{source}: expected RIGHT too, or --split for images side by side, or a ROS bag or MCAP file"
         )
-    names = [source] if right is None else [source, right]
-    live = [_is_live(name) for name in names]
     if any(live) != all(live):
         raise AnyNetError(f"expected two live sources or two recorded ones, got {' and '.join(names)}")
     if live[0]:
-        return Capture(names, True, rate, asked, reconnect)
+        return Capture(names, True, rate, asked, _RECONNECT if reconnect is None else reconnect)
     if any(_is_images(name) for name in names):
         pairs, alone = find_pairs(source, source if right is None else right)
         found = ImageFiles([(p.name, p.left, None if right is None else p.right) for p in pairs], rate)

@@ -62,12 +62,12 @@ def stream(
     size: Size = None,
     topics: Topics = None,
     topic: Topic = None,
-    slop: Slop = 0.01,
+    slop: Slop = None,
     every_frame: Annotated[
         bool, typer.Option("--every-frame", help="Drop nothing: a recording waits for its results.")
     ] = False,
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many results.")] = None,
-    reconnect: Reconnect = 10.0,
+    reconnect: Reconnect = None,
     weights: Weights = "default",
     input_scale: InputScale = None,
     budget_ms: BudgetMs = None,
@@ -106,6 +106,10 @@ def stream(
                 "--view excludes --record, --video, --frames, --budget-ms, --stage, --every-frame, --json and the "
                 "options of confidence: the page has its own"
             )
+    if out is None and (format is not Format.png or depth_format):
+        raise AnyNetError("--format and --depth-format belong to --out")
+    if not record and depth_encoding is not DepthEncoding.meters:
+        raise AnyNetError("--depth-encoding belongs to --record")
     trust = Trust(min_confidence, drop_occluded)
 
     from anynet.streams import Recorder, Stream, Video

@@ -22,6 +22,16 @@ from anynet.training.recipe import PRESETS, Recipe, preset
 # What the command line cannot parse is given piece by piece.
 _KINDS: dict[Any, Any] = {tuple[str, ...]: list[str], tuple[float, ...]: list[float], AnyNetConfig: list[str]}
 
+# Options that do nothing but in some runs, and in which.
+_BELONGING: dict[str, tuple[str, Callable[[Recipe], bool]]] = {
+    "milestone": ("--schedule step", lambda recipe: recipe.schedule == "step"),
+    "validate_every": ("--validation", lambda recipe: bool(recipe.validation)),
+    "network": (
+        "AnyNet from random weights, or to --load-partial",
+        lambda recipe: recipe.load_partial or (recipe.weights is None and recipe.model is None),
+    ),
+}
+
 
 def _command(name: str, default: str, summary: str) -> Callable[..., None]:
     """A command with one option for each field of `Recipe`; those not given are the preset's."""
@@ -37,6 +47,9 @@ def _command(name: str, default: str, summary: str) -> Callable[..., None]:
             recipe = replace(Recipe.load(out / RECIPE), **options)
         else:
             recipe = preset(start, **options)
+        for option, (other, used) in _BELONGING.items():
+            if option in options and not used(recipe):
+                raise AnyNetError(f"--{option.replace('_', '-')} belongs to {other}")
         try:
             print(train(recipe, out, resume=resume))
         except KeyboardInterrupt:

@@ -29,8 +29,8 @@ def view(
     size: Size = None,
     topics: Topics = None,
     topic: Topic = None,
-    slop: Slop = 0.01,
-    reconnect: Reconnect = 10.0,
+    slop: Slop = None,
+    reconnect: Reconnect = None,
     weights: Annotated[str, typer.Option(help="Chosen at first: a packaged name, or a path.")] = "default",
     input_scale: Annotated[
         float | None, typer.Option(help="Chosen at first: images are resized by it.", show_default="the weights'")

@@ -275,6 +275,8 @@ def test_mistakes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["left"], "left: expected RIGHT too, or --split for images side by side"),
         (["left", "right", "--board", "nine"], "expected --board COLUMNSxROWS such as 9x6, got nine"),
         (["left", "right", "--square", "25"], "is it in millimeters"),
+        (["left", "right", "--dictionary", "4X4_50"], "--dictionary belongs to --charuco"),
+        ([str(tmp_path / "a.png"), str(tmp_path / "a.png"), "--views", "40"], "--views belongs to videos, cameras"),
         (["none.mp4", "none.mp4"], "cannot open none.mp4: no such video"),
     ):
         assert main(["calibrate", *arguments, "--out", str(tmp_path / "rig.yaml")]) == 2

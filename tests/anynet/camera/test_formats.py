@@ -483,6 +483,9 @@ def test_kitti_pairs(tmp_path: Path) -> None:
         assert read(path, image=tmp_path / image).baseline == pytest.approx(0.537)
     assert read(path, image=tmp_path / "image_2/1.png").baseline == pytest.approx(0.5327)
     assert "gray pair" in read(path, pair="gray").origin
+    other = write(tmp_path, "middlebury.txt", "cam0=[100 0 30; 0 100 20; 0 0 1]\ndoffs=0\nbaseline=100\n")
+    with pytest.raises(AnyNetError, match=r"pair \(--calib-pair\) belongs to KITTI's .*, got one of Middlebury"):
+        read(other, pair="gray")
 
 
 def test_kitti_raw_cameras(tmp_path: Path) -> None:

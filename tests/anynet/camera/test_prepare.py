@@ -49,6 +49,18 @@ def test_raw_rectified_or_as_the_calibration_says() -> None:
         PairPreparation(GOOD, raw=True)
 
 
+def test_alpha_belongs_to_raw_cameras() -> None:
+    assert PairPreparation(rendering.rig(), alpha=0)
+    assert PairPreparation(replace(GOOD, rig=rendering.rig()), raw=True, alpha=0)
+    for cameras, message in (
+        (None, "alpha .--alpha. belongs to a calibration of raw cameras, got none$"),
+        (GOOD, "alpha .--alpha. belongs to a calibration of raw cameras, got none"),
+        (replace(GOOD, rig=rendering.rig()), "if the images are raw, use --raw"),
+    ):
+        with pytest.raises(AnyNetError, match=message):
+            PairPreparation(cameras, alpha=0)
+
+
 def test_rows_are_told_and_fixed(motorcycle: tuple[np.ndarray, np.ndarray]) -> None:
     lower = np.roll(motorcycle[1], 3, axis=0)
     (warning,) = PairPreparation(GOOD)(motorcycle[0], lower).warnings

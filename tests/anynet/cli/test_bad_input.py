@@ -134,6 +134,9 @@ def test_a_calibration_for_another_size(run: Run, pair: tuple[Path, Path], weigh
 def test_options_that_cannot_be(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
     given = (*pair, "--weights", weights)
     refused(run, tmp_path / "out", "exclude each other", *given, "--all-stages", "--budget-ms", 5)
+    refused(run, tmp_path / "out", "--alpha) belongs to a calibration of raw cameras", *given, "--alpha", 0)
+    for option in (("--max-depth", 5), ("--depth-format", "png")):
+        refused(run, tmp_path / "out", "--depth-format and --max-depth belong to a calibration", *given, *option)
     refused(run, tmp_path / "out", "expected --stage from 1 to 4, got 5", *given, "--stage", 5)
     refused(run, tmp_path / "out", "expected input_scale from 0.0625 to 4, got 9", *given, "--input-scale", 9)
 

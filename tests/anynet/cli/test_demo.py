@@ -58,6 +58,9 @@ def test_a_pair_of_ones_own(run: Run, pair: tuple[Path, Path], weights: Path, tm
         (["left.png"], "expected two images or none"),
         (["left.png", "right.png", "--rendered"], "exclude each other"),
         (["--truth", "truth.pfm"], "belong to a pair of images"),
+        (["--truth-scale", "4"], "--truth-scale belongs to --truth"),
+        (["left.png", "right.png", "--truth-scale", "4"], "--truth-scale belongs to --truth"),
+        (["--seed", "0"], "--seed belongs to --rendered"),
         (["none.png", "none.png"], "cannot read none.png"),
     ],
 )

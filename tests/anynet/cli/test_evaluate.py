@@ -132,3 +132,16 @@ def test_pairs_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str],
     if options:
         assert main(arguments) == 2
         assert "no pixel of region 'all' has a disparity that counts" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--method", "bm", "--input-scale", "2"], "--input-scale, --device and --precision belong to networks"),
+        (["--method", "bm", "--device", "auto"], "--input-scale, --device and --precision belong to networks"),
+        (["--model", "psmnet", "--precision", "float16"], "--precision belongs to --weights"),
+    ],
+)
+def test_options_that_would_do_nothing(capsys: pytest.CaptureFixture[str], options: list[str], message: str) -> None:
+    assert main(["evaluate", "--data", "render:1", *options]) == 2
+    assert capsys.readouterr().err.startswith(f"anynet: {message}")

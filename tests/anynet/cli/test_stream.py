@@ -86,6 +86,9 @@ def test_mistakes_are_told_at_once(run: Run, folders: tuple[Path, Path], weights
         (("--record", tmp_path / "none" / "a.mcap"), "no folder"),
         (("--calib", tmp_path / "none"), "none"),
         (("--size", "big"), "expected a size like 1280x720, got big"),
+        (("--depth-format", "png"), "--format and --depth-format belong to --out"),
+        (("--format", "npy"), "--format and --depth-format belong to --out"),
+        (("--depth-encoding", "16UC1"), "--depth-encoding belongs to --record"),
         (("--max-depth", "nan"), "expected --max-depth > 0, got nan"),
     ):
         result = run("stream", *folders, "--weights", weights, "--every-frame", *options)

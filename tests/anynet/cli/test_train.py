@@ -60,3 +60,23 @@ def test_an_interrupted_run_says_how_to_go_on(
     monkeypatch.setattr("anynet.training.loop.train", interrupted)
     assert main(["finetune", "--out", str(tmp_path)]) == 130
     assert capsys.readouterr().err == (f"anynet: interrupted; to go on: anynet finetune --out {tmp_path} --resume\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["train", "--milestone", "0.5"], "--milestone belongs to --schedule step"),
+        (["train", "--validate-every", "5"], "--validate-every belongs to --validation"),
+        (
+            ["finetune", "--network", "groups=2"],
+            "--network belongs to AnyNet from random weights, or to --load-partial",
+        ),
+        (["train", "--model", "psmnet", "--network", "groups=2"], "--network belongs to AnyNet"),
+    ],
+)
+def test_options_that_would_do_nothing(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    assert main([*arguments, "--data", "render:1", "--out", str(tmp_path / "run")]) == 2
+    assert capsys.readouterr().err.startswith(f"anynet: {message}")
+    assert not (tmp_path / "run").exists()
