@@ -70,7 +70,8 @@ class PairPreparation:
 
     Args:
         cameras: what `read_calibration` gave: of rectified images, or of raw ones, which are then rectified; or None.
-        raw: True: the images are raw; False: they are rectified; None: as `cameras` says.
+        raw: True: the images are raw; False: they are rectified, as the rig's file says unless `alpha` is given; None: as
+            `cameras` says.
         alpha: see `StereoRig.rectify`.
         check: match corners, and warn if a pair looks unrectified, swapped or too near.
         fix_rows: remove a small vertical shift and roll, found by matched corners.
@@ -100,6 +101,8 @@ class PairPreparation:
         if alpha is not None and not isinstance(self._cameras, StereoRig):
             hint = "" if rig is None else "; it describes the raw cameras too: if the images are raw, use --raw"
             raise AnyNetError(f"alpha (--alpha) belongs to a calibration of raw cameras, got none{origin}{hint}")
+        if raw is False and isinstance(cameras, StereoRig) and cameras.rectified is not None and alpha is None:
+            self._cameras = cameras.rectified
         self._raw = isinstance(self._cameras, StereoRig) and raw is not False
         self._alpha = alpha
         self._check = check

@@ -119,20 +119,27 @@ def _finished(found: Found, replace: Mapping[str, float]) -> Calibration | Stere
     if unknown:
         raise AnyNetError(f"expected values of {', '.join(_VALUES)} to replace, got {', '.join(sorted(unknown))}")
     if found.rig is not None and (found.raw or not found.values):
-        return _raw(found.rig, replace)
+        return _raw(found, found.rig, replace)
     values = {**found.values, **replace}
     lacking = [name for name in ("focal", "baseline") if name not in values]
     lacking += [name for name in found.lacking if name not in values and name not in lacking]
     if lacking:
         fields = " and ".join(found.lacking.get(name, name) for name in lacking)
         raise AnyNetError(f"the calibration lacks {fields}: give {' and '.join(f'--{name}' for name in lacking)}")
+    return _rectified(found, values)
+
+
+def _rectified(found: Found, values: Mapping[str, float]) -> Calibration:
     return Calibration(**values, size=found.size, ndisp=found.ndisp, origin=found.origin, rig=found.rig)
 
 
-def _raw(rig: StereoRig, replace: Mapping[str, float]) -> StereoRig:
+def _raw(found: Found, rig: StereoRig, replace: Mapping[str, float]) -> StereoRig:
     if set(replace) - {"baseline"}:
         names = ", ".join(f"--{name}" for name in replace)
         raise AnyNetError(f"the calibration is of raw cameras: {names} cannot replace values of rectified ones")
+    values = {**found.values, **replace}
+    if {"focal", "baseline"} <= values.keys():  # told beside the raw cameras
+        rig = rig.with_rectified(_rectified(found, values))
     if "baseline" in replace:
         return rig.with_baseline(replace["baseline"])
     return rig

@@ -73,6 +73,7 @@ class StereoRig:
         translation: [3], meters; about (-baseline, 0, 0).
         size: width and height of the images it is for, if known.
         origin: where the values come from, for reports.
+        rectified: of its rectified images, if the file describes them too; not what `rectify` makes.
     """
 
     left: Camera
@@ -81,6 +82,7 @@ class StereoRig:
     translation: Matrix
     size: tuple[int, int] | None = None
     origin: str = ""
+    rectified: Calibration | None = None
 
     def __post_init__(self) -> None:
         rotation = np.asarray(self.rotation, np.float64)
@@ -125,14 +127,20 @@ class StereoRig:
         """The same rig with the right camera first."""
         rotation = self.rotation.T
         return replace(
-            self, left=self.right, right=self.left, rotation=rotation, translation=-rotation @ self.translation
-        )
+            self, left=self.right, right=self.left, rotation=rotation, translation=-rotation @ self.translation,
+            rectified=None,
+        )  # fmt: skip
 
     def with_baseline(self, baseline: float) -> StereoRig:
         """The same rig with the cameras that many meters apart."""
         if not 0 < baseline < math.inf or not self.baseline > 0:
             raise AnyNetError(f"calibration: expected baseline > 0, got {baseline:g}")
-        return replace(self, translation=self.translation * (baseline / self.baseline))
+        rectified = None if self.rectified is None else replace(self.rectified, baseline=baseline)
+        return replace(self, translation=self.translation * (baseline / self.baseline), rectified=rectified)
+
+    def with_rectified(self, rectified: Calibration) -> StereoRig:
+        """The same rig with what a file says of its rectified images."""
+        return replace(self, rectified=replace(rectified, rig=None))
 
     def rectify(self, alpha: float | None = None, size: tuple[int, int] | None = None) -> Rectification:
         """How to rectify this rig's images.

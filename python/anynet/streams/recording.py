@@ -78,8 +78,8 @@ class Recording(Source):
             except AnyNetError as error:
                 self.warnings.append(str(error))
             else:
-                rectified = any("rect" in re.split(r"[/_]", topic) for topic in self.topics)
-                self.calibration = calibration if rectified else calibration.rig or calibration
+                rig = None if any(map(_is_rectified, self.topics)) else calibration.rig
+                self.calibration = calibration if rig is None else rig.with_rectified(calibration)
 
     @property
     def size(self) -> tuple[int, int] | None:
@@ -219,8 +219,16 @@ def _pairs_of(topics: list[str]) -> list[list[str]]:
 
 
 def _preference(topics: list[str]) -> tuple[bool, ...]:
-    words = set(re.split(r"[/_]", topics[0]))
-    return "rect" in words, "color" in words, "mono" not in words, "compressed" not in words
+    words = _words(topics[0])
+    return _is_rectified(topics[0]), "color" in words, "mono" not in words, "compressed" not in words
+
+
+def _is_rectified(topic: str) -> bool:
+    return any(word.startswith("rect") for word in _words(topic))
+
+
+def _words(topic: str) -> set[str]:
+    return set(re.split(r"[/_]", topic))
 
 
 def _listed(topics: list[str]) -> str:

@@ -337,8 +337,12 @@ def test_orb_slam2_with_its_own_rectification(tmp_path: Path) -> None:
         text += matrix(f"{side}.R", np.eye(3)) + matrix(
             f"{side}.P", [[435.2, 0, 367.4, along], [0, 435.2, 252.2, 0], [0, 0, 1, 0]]
         )
-    rig = read_rig(write(tmp_path, "EuRoC.yaml", text.replace("data: [", "data:[")))  # as in the original
+    path = write(tmp_path, "EuRoC.yaml", text.replace("data: [", "data:["))  # as in the original
+    rig = read_rig(path)
     assert (rig.size, rig.baseline) == ((752, 480), pytest.approx(47.9 / 435.2))
+    for baseline, other in ((47.9 / 435.2, rig), (0.2, read_calibration(path, replace={"baseline": 0.2}))):
+        rectified = Calibration(435.2, baseline, 367.4, 252.2, 0, (752, 480))
+        assert (other.rectified, other.baseline) == (rectified, pytest.approx(baseline))
 
 
 def test_orb_slam3(tmp_path: Path) -> None:

@@ -45,6 +45,12 @@ def test_raw_rectified_or_as_the_calibration_says() -> None:
         assert pair.calibration == rectification.calibration
         np.testing.assert_array_equal(pair.left, rectified[0] if warped else noise)
         assert (pair.valid is not None) == warped
+    told = replace(rectification.calibration, focal=300.0)
+    rig = rig.with_rectified(told)
+    for raw, alpha, expected in (
+        (False, None, told), (None, None, rectification.calibration), (False, 0.5, rig.rectify(0.5).calibration)
+    ):  # fmt: skip
+        assert PairPreparation(rig, raw=raw, alpha=alpha, check=False)(noise, noise).calibration == expected
     with pytest.raises(AnyNetError, match=r"expected a calibration of raw cameras .* \(--raw\), got none"):
         PairPreparation(GOOD, raw=True)
 

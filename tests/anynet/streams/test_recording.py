@@ -122,6 +122,8 @@ def test_compressed_and_side_by_side(tmp_path: Path) -> None:
         (["/left/image_raw", "/left/image_rect", "/right/image_raw", "/right/image_rect"], 1),
         (["/left/image_rect/compressed", "/left/image_rect", "/right/image_rect/compressed", "/right/image_rect"], 1),
         (["/left/image", "/left/depth_image", "/right/image", "/right/depth_image"], 0),
+        (["/left/image_raw", "/left/image_rectified", "/right/image_raw", "/right/image_rectified"], 1),
+        (["/left/direct/image", "/left/rectified/image", "/right/direct/image", "/right/rectified/image"], 1),
     ],
 )
 def test_topics_are_found_by_their_names(tmp_path: Path, topics: list[str], found: int) -> None:
@@ -450,7 +452,8 @@ def with_infos(path: Path, topic: str, distortion: list[float]) -> Path:
 @pytest.mark.parametrize("name", ["a.bag", "a.mcap"])
 def test_calibration_of_rectified_images(tmp_path: Path, name: str) -> None:
     expected = Calibration(80, 0.1, cx=10, cy=5, doffs=1, size=(20, 12))
-    for topic, distortion in (("image_rect", [0.1, 0, 0, 0, 0]), ("image_raw", [])):
+    for topic, distorted in (("image_rect", True), ("image_rectified", True), ("image_raw", False)):
+        distortion = [0.1, 0, 0, 0, 0] if distorted else []
         with Recording(with_infos(tmp_path / f"{topic}_{name}", topic, distortion)) as source:
             assert isinstance(source.calibration, Calibration)
             for field, value in expected.values().items():
@@ -465,6 +468,7 @@ def test_rig_of_raw_images(tmp_path: Path, name: str) -> None:
     assert rig.baseline == pytest.approx(0.1)
     np.testing.assert_allclose(rig.left.matrix, RAW_K)
     assert rig.left.distortion[0] == 0.1
+    assert rig.rectified == Calibration(80, 0.1, cx=10, cy=5, doffs=1, size=(20, 12))
     assert np.degrees(np.arccos((np.trace(rig.rotation) - 1) / 2)) == pytest.approx(np.degrees(0.02))
 
 
