@@ -70,8 +70,8 @@ class PairPreparation:
 
     Args:
         cameras: what `read_calibration` gave: of rectified images, or of raw ones, which are then rectified; or None.
-        raw: True: the images are raw; False: they are rectified, as the rig's file says unless `alpha` is given; None: as
-            `cameras` says.
+        raw: True: the images are raw; False: they are rectified, as `cameras.rectified` says unless `alpha` is given;
+            None: as `cameras` says.
         alpha: see `StereoRig.rectify`.
         check: match corners, and warn if a pair looks unrectified, swapped or too near.
         fix_rows: remove a small vertical shift and roll, found by matched corners.

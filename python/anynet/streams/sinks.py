@@ -31,6 +31,8 @@ DEPTH_ENCODINGS = "32FC1", "16UC1"
 _FRAME_ID = "camera_left_optical_frame"  # where the source has none
 _CALM = 0.9  # share of the limits of a video's colors that stays from frame to frame
 _GAP = 10.0  # seconds; a video does not stand still for longer
+_RATES = 1 / _GAP, 1000.0  # frames per second
+_TICKS = 65535  # most that MPEG-4 holds, and OpenCV makes a decimal fraction of the rate
 
 
 class Sink(ABC):
@@ -180,28 +182,30 @@ class Video(Sink):
         if self._path.suffix.lower() != ".mp4":
             raise AnyNetError(f"{path}: expected a name ending in .mp4")
         _check_new(self._path)
-        self._rate = rate
+        self._rate = _holdable(rate)
         self._part = _unfinished(self._path)
         self._writer: cv2.VideoWriter | None = None
         self._limits: tuple[float, float] | None = None
         self._begin = 0
-        self._written = 0
+        self._written = 0  # frames, and those left out where the video would stand still
+        self._frames = 0
 
     def write(self, result: Result) -> None:
         picture = self._picture(result)
         height, width = picture.shape[:2]
         if self._writer is None:
-            self._writer = cv2.VideoWriter(
-                str(self._part), cv2.VideoWriter.fourcc(*"mp4v"), self._rate, (width, height)
-            )
-            if not self._writer.isOpened():
+            writer = cv2.VideoWriter(str(self._part), cv2.VideoWriter.fourcc(*"mp4v"), self._rate, (width, height))
+            if not writer.isOpened():
+                self._part.unlink(missing_ok=True)
                 raise AnyNetError(f"cannot write {self._path}: OpenCV cannot make a video of {width} x {height} there")
+            self._writer = writer
             self._begin = result.frame.stamp
         until = round((result.frame.stamp - self._begin) / 1e9 * self._rate) + 1
         times = min(max(1, until - self._written), max(1, round(_GAP * self._rate)))
         for _ in range(times):
             self._writer.write(picture)
         self._written = max(until, self._written + times)
+        self._frames += times
 
     def _picture(self, result: Result) -> npt.NDArray[np.uint8]:
         """BGR; one above the other if they are wide; with even sides, as the codec wants."""
@@ -217,10 +221,24 @@ class Video(Sink):
         return np.pad(picture[..., ::-1], ((0, odd[0]), (0, odd[1]), (0, 0)), mode="edge")
 
     def close(self) -> None:
-        if self._writer is not None:
-            self._writer.release()
-            with _told(self._path):
-                os.replace(self._part, self._path)
+        if self._writer is None:
+            return
+        self._writer.release()
+        found = max(0, int(cv2.VideoCapture(str(self._part)).get(cv2.CAP_PROP_FRAME_COUNT)))
+        if found != self._frames:  # OpenCV's writer says nothing of a full disk
+            raise AnyNetError(
+                f"cannot write {self._path}: expected {self._frames} frames, got {found} (is the disk full?); "
+                f"what there is of it: {self._part.name}"
+            )
+        with _told(self._path):
+            os.replace(self._part, self._path)
+
+
+def _holdable(rate: float) -> float:
+    """The nearest rate that an MPEG-4 video of OpenCV's can have."""
+    low, high = _RATES
+    rate = min(max(rate, low), high)
+    return next(near for digits in (3, 2, 1) if (near := round(rate, digits)) * 10**digits <= _TICKS)
 
 
 def millimeters(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:

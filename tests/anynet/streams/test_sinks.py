@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 from dataclasses import replace
 from pathlib import Path
 
@@ -250,6 +251,42 @@ def test_video_runs_as_time_did(tmp_path: Path) -> None:
         pictures.append(read[1])
     assert len(pictures) == 5
     assert pictures[0].shape == (16, 48, 3)  # side by side, as they are no wider than 1.5 times their height
+
+
+@pytest.mark.parametrize(
+    ("rate", "held"),
+    [(89.9873, 89.99), (3.3e-4, 0.1), (29.97002997, 29.97), (999.96, 1000), (1e6, 1000)],
+)
+def test_video_at_rates_that_mpeg_4_does_not_hold(tmp_path: Path, rate: float, held: float) -> None:
+    with Video(tmp_path / "out.mp4", rate) as video:
+        video.write(results()[0])
+        video.write(results()[0])
+    capture = cv2.VideoCapture(str(tmp_path / "out.mp4"))
+    assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(held)
+    assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 2
+
+
+def test_video_on_a_full_disk(tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    video = Video(tmp_path / "out.mp4", 40)
+    for result in results():
+        video.write(result)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    try:
+        with pytest.raises(AnyNetError, match=r"out\.mp4: expected 5 frames, got 0 \(is the disk full\?\); what"):
+            video.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    (part,) = os.listdir(tmp_path)
+    assert part.endswith(".part.mp4")
+
+
+def test_video_that_cannot_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("anynet.streams.sinks._RATES", (0.0, 1e9))
+    message = r"cannot write .*: OpenCV cannot make a video of 48 x 16 there$"
+    with pytest.raises(AnyNetError, match=message), Video(tmp_path / "out.mp4", 1e-6) as video:
+        video.write(results()[0])
+    assert os.listdir(tmp_path) == []
 
 
 def test_video_of_odd_and_wide_images(tmp_path: Path) -> None:
