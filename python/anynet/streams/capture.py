@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Protocol
 
 import cv2
@@ -16,6 +17,8 @@ from anynet.shutdown import computing
 from anynet.streams.source import Frame, Image, Source, halves
 
 RATE = 30.0  # frames per second of a video that does not say
+_SAME_RATE = 0.01  # of a rate, that another may be apart: 30 and 29.97 are meant to be one
+_COUNTED = {".avi", ".mp4", ".m4v", ".mov"}  # hold the number of their frames; of others OpenCV guesses it
 _DIGITS = 4  # of a camera's index
 _PAUSE = 0.5  # seconds between two attempts to reconnect
 _TIMEOUT_MS = 5000  # for opening and reading network streams: a stop must not wait for longer
@@ -80,12 +83,20 @@ class Capture(Source):
         self._closed = threading.Event()
         self._asked_rate = rate
         self._devices = self._open_all()
-        told = self._devices[0].get(cv2.CAP_PROP_FPS)
-        self.rate = rate or (told if 0 < told < 1000 else None) or (None if live else RATE)
+        own = self._devices[0].get(cv2.CAP_PROP_FPS)
+        self.rate = rate or (own if 0 < own < 1000 else None) or (None if live else RATE)
+        counts = [0 if live else int(device.get(cv2.CAP_PROP_FRAME_COUNT)) for device in self._devices]
         if not live and len(names) == 2:
-            counts = [int(device.get(cv2.CAP_PROP_FRAME_COUNT)) for device in self._devices]
+            both = " and ".join(names)
             if counts[0] != counts[1]:
-                self.warnings.append(f"{' and '.join(names)} have {counts[0]} and {counts[1]} frames")
+                self.warnings.append(f"{both} have {counts[0]} and {counts[1]} frames")
+            rates = [device.get(cv2.CAP_PROP_FPS) for device in self._devices]
+            if min(rates) > 0 and max(rates) > (1 + _SAME_RATE) * min(rates):
+                self.warnings.append(
+                    f"{both} have {rates[0]:g} and {rates[1]:g} frames per second, and are paired frame by frame"
+                )
+        told = [n for n, name in zip(counts, names, strict=True) if n > 0 and Path(name).suffix.lower() in _COUNTED]
+        self._count = min(told, default=0)  # of frames; 0: not known
 
     @property
     def size(self) -> tuple[int, int] | None:
@@ -112,6 +123,11 @@ class Capture(Source):
                 if not self.live:
                     if index == 0:
                         raise AnyNetError(f"cannot read {' and '.join(self._names)}: no frame that can be decoded")
+                    if index < self._count - 1:  # some containers count one too many
+                        raise AnyNetError(
+                            f"{' and '.join(self._names)}: expected {self._count} frames, got {index}: "
+                            "damaged or cut off there"
+                        )
                     return
                 images = self._read_again()
                 if images is None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from anynet.errors import AnyNetError
-from anynet.streams import Capture
+from anynet.streams import Capture, Frame
 
 
 class FakeCamera:
@@ -166,10 +166,36 @@ def test_videos(tmp_path: Path) -> None:
     assert len(list(uneven.frames())) == 4
 
 
-def test_a_video_cut_off_ends(tmp_path: Path) -> None:
-    path = video(tmp_path / "a.avi", 20)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 4])
-    assert 0 < len(list(Capture([str(path)], live=False).frames())) < 20
+def test_rates_that_differ_are_told(tmp_path: Path) -> None:
+    names = [str(video(tmp_path / f"{rate}.avi", 2, rate=rate)) for rate in (30, 29.97, 15)]
+    assert Capture(names[:2], live=False).warnings == []
+    (warning,) = Capture(names[1:], live=False).warnings
+    assert warning.endswith("have 29.97 and 15 frames per second, and are paired frame by frame")
+
+
+def test_a_video_cut_off_ends_in_one_line(tmp_path: Path) -> None:
+    """After its frames; the shorter of two counts."""
+    cut, whole = (video(tmp_path / f"{name}.avi", 20) for name in ("cut", "whole"))
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size * 3 // 4])
+    for names in ([cut], [cut, whole], [whole, cut]):
+        frames: list[Frame] = []
+        with pytest.raises(AnyNetError, match=r"avi: expected 20 frames, got 1\d: damaged or cut off there$"):
+            frames.extend(Capture(list(map(str, names)), live=False).frames())
+        assert 10 <= len(frames) < 20
+    assert len(list(Capture([str(cut), str(video(tmp_path / "short.avi", 5))], live=False).frames())) == 5
+
+
+@pytest.mark.parametrize(("name", "count"), [("a.mp4", 4), ("a.mp4", 0), ("a.mp4", -1), ("a.ts", 99)])
+def test_a_number_of_frames_that_is_not_known_or_one_too_many(
+    plugged: threading.Event, name: str, count: float
+) -> None:
+    class File(FakeCamera):
+        def get(self, key: int) -> float:
+            return count if key == cv2.CAP_PROP_FRAME_COUNT else super().get(key)
+
+    image = np.zeros((8, 12, 3), np.uint8)
+    source = Capture([name], live=False, open=lambda name: File(name, [image, image, image, None]))
+    assert len(list(source.frames())) == 3
 
 
 class Mjpeg(BaseHTTPRequestHandler):
