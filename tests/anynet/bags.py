@@ -83,11 +83,14 @@ class BagWriter:
         message = self.new("sensor_msgs/msg/Image", **(fields | change))
         self.write(topic, message, stamp if recorded is None else recorded)
 
-    def compressed(self, topic: str, image: np.ndarray, stamp: int, data: bytes | None = None) -> None:
-        """An RGB image as PNG."""
-        png = cv2.imencode(".png", image[..., ::-1])[1].reshape(-1) if data is None else np.frombuffer(data, np.uint8)
+    def compressed(
+        self, topic: str, image: np.ndarray, stamp: int, data: bytes | None = None, format: str = "png"
+    ) -> None:
+        """An image, RGB or gray, as PNG."""
+        stored = image[..., ::-1] if image.ndim == 3 else image
+        png = cv2.imencode(".png", stored)[1].reshape(-1) if data is None else np.frombuffer(data, np.uint8)
         header = self.header(stamp, "eye")
-        self.write(topic, self.new("sensor_msgs/msg/CompressedImage", header=header, format="png", data=png), stamp)
+        self.write(topic, self.new("sensor_msgs/msg/CompressedImage", header=header, format=format, data=png), stamp)
 
     def camera_info(
         self,

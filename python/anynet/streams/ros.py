@@ -32,6 +32,13 @@ IMAGE, COMPRESSED, CAMERA_INFO = (
 )
 DISPARITY, CLOUD = "stereo_msgs/msg/DisparityImage", "sensor_msgs/msg/PointCloud2"
 
+# OpenCV names Bayer patterns by the second row's second and third pixel, ROS by the first row's first two.
+_BAYER = {
+    "bayer_rggb": cv2.COLOR_BayerBG2RGB,
+    "bayer_bggr": cv2.COLOR_BayerRG2RGB,
+    "bayer_gbrg": cv2.COLOR_BayerGR2RGB,
+    "bayer_grbg": cv2.COLOR_BayerGB2RGB,
+}
 # sensor_msgs/image_encodings.h: dtype, channels, and how OpenCV makes RGB of it (None: it is, or gray)
 _ENCODINGS: Mapping[str, tuple[type, int, int | None]] = {
     "rgb8": (np.uint8, 3, None),
@@ -46,11 +53,8 @@ _ENCODINGS: Mapping[str, tuple[type, int, int | None]] = {
     "bgr16": (np.uint16, 3, cv2.COLOR_BGR2RGB),
     "mono16": (np.uint16, 1, None),
     "16UC1": (np.uint16, 1, None),
-    # OpenCV names Bayer patterns by the second row's second and third pixel, ROS by the first row's first two.
-    "bayer_rggb8": (np.uint8, 1, cv2.COLOR_BayerBG2RGB),
-    "bayer_bggr8": (np.uint8, 1, cv2.COLOR_BayerRG2RGB),
-    "bayer_gbrg8": (np.uint8, 1, cv2.COLOR_BayerGR2RGB),
-    "bayer_grbg8": (np.uint8, 1, cv2.COLOR_BayerGB2RGB),
+    **{f"{name}8": (np.uint8, 1, code) for name, code in _BAYER.items()},
+    **{f"{name}16": (np.uint16, 1, code) for name, code in _BAYER.items()},
     "yuv422": (np.uint8, 2, cv2.COLOR_YUV2RGB_UYVY),
     "uyvy": (np.uint8, 2, cv2.COLOR_YUV2RGB_UYVY),
     "yuv422_yuy2": (np.uint8, 2, cv2.COLOR_YUV2RGB_YUY2),
@@ -115,10 +119,15 @@ def levels_of(message: Any, where: str) -> npt.NDArray[Any]:
         AnyNetError: if the encoding is not known, or the data are not what the message says.
     """
     if message.__msgtype__ == COMPRESSED:
-        return decode_levels(where, bytes(message.data))
+        levels = decode_levels(where, bytes(message.data))
+        encoding = _stored_encoding(message.format)
+        if not encoding.startswith("bayer_") or (levels.ndim == 3 and (levels != levels[..., :1]).any()):
+            return levels
+        mosaic = levels if levels.ndim == 2 else levels[..., 0].copy()  # gray images are decoded to three channels
+        return _converted(mosaic, encoding, where)
     if message.encoding not in _ENCODINGS:
         raise AnyNetError(f"{where}: expected encoding {', '.join(_ENCODINGS)}, got {message.encoding[:40]!r}")
-    dtype, channels, code = _ENCODINGS[message.encoding]
+    dtype, channels, _ = _ENCODINGS[message.encoding]
     height, width, step = int(message.height), int(message.width), int(message.step)
     row = width * channels * np.dtype(dtype).itemsize
     if height < 1 or width < 1 or step < row or len(message.data) < step * (height - 1) + row:
@@ -134,10 +143,22 @@ def levels_of(message: Any, where: str) -> npt.NDArray[Any]:
     if dtype is np.uint16 and bool(message.is_bigendian) != (sys.byteorder == "big"):
         pixels = pixels.byteswap()
     pixels = pixels.reshape(height, width, channels) if channels > 1 else pixels.reshape(height, width)
+    return _converted(pixels, message.encoding, where)
+
+
+def _stored_encoding(format: str) -> str:
+    """The last that image_transport names, as in "bayer_rggb8; jpeg compressed bgr8"; "" if there is none."""
+    return ([""] + [word for word in format.replace(";", " ").split() if word in _ENCODINGS])[-1]
+
+
+def _converted(pixels: npt.NDArray[Any], encoding: str, where: str) -> npt.NDArray[Any]:
+    """Pixels of an encoding as gray or RGB."""
+    code = _ENCODINGS[encoding][2]
     try:
         return pixels if code is None else cv2.cvtColor(pixels, code)
     except cv2.error as error:
-        raise AnyNetError(f"{where}: {width} x {height} pixels of {message.encoding} make no image") from error
+        height, width = pixels.shape[:2]
+        raise AnyNetError(f"{where}: {width} x {height} pixels of {encoding} make no image") from error
 
 
 def calibration_of(left: Any, right: Any, where: str) -> Calibration:

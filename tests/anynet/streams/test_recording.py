@@ -204,15 +204,44 @@ def test_encodings(tmp_path: Path, encoding: str, stored: np.ndarray, expected: 
     np.testing.assert_array_equal(frame.left, frame.right)
 
 
-@pytest.mark.parametrize("encoding", ["bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8"])
-def test_bayer_patterns(tmp_path: Path, encoding: str) -> None:
+@pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_bayer_patterns(tmp_path: Path, pattern: str, bits: int, compressed: bool) -> None:
     """A red image, seen through the pattern."""
-    pattern = np.array([100 if letter == "r" else 0 for letter in encoding[6:10]], np.uint8).reshape(2, 2)
+    red = np.array([100 * (letter == "r") for letter in pattern], np.uint8).reshape(2, 2)
+    mosaic, encoding = np.tile(red, (6, 8)), f"bayer_{pattern}{bits}"
+    mosaic = mosaic.astype(np.uint16) * 257 * 2 if bits == 16 else mosaic
     with BagWriter(tmp_path / "a.mcap") as bag:
         for side in ("left", "right"):
-            bag.image(f"/{side}/image", np.tile(pattern, (6, 8)), START, encoding)
+            if compressed:
+                bag.compressed(f"/{side}/image/compressed", mosaic, START, format=f"{encoding}; png compressed ")
+            else:
+                bag.image(f"/{side}/image", mosaic, START, encoding)
     (frame,) = read(tmp_path / "a.mcap")
-    np.testing.assert_array_equal(frame.left[3:-3, 3:-3].reshape(-1, 3).mean(axis=0), [100, 0, 0])
+    expected = [200 if bits == 16 else 100, 0, 0]
+    np.testing.assert_array_equal(frame.left[3:-3, 3:-3].reshape(-1, 3).mean(axis=0), expected)
+
+
+@pytest.mark.parametrize(
+    ("format", "stored"),
+    [
+        ("bgr8; jpeg compressed bgr8", np.dstack([GRAY, GRAY + 1, GRAY + 2])),
+        ("bayer_rggb8; jpeg compressed bgr8", np.dstack([GRAY, GRAY, GRAY])),  # demosaiced before it was compressed
+        ("bayer_rggb8; png compressed ", np.dstack([GRAY, GRAY + 1, GRAY + 2])),
+        ("mono8; png compressed", GRAY),
+        ("mono16; png compressed", GRAY.astype(np.uint16) * 257),
+        ("16UC1; png compressed mono16", GRAY.astype(np.uint16) * 257),
+        ("", GRAY),
+    ],
+)
+def test_formats_of_image_transport(tmp_path: Path, format: str, stored: np.ndarray) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for side in ("left", "right"):
+            bag.compressed(f"/{side}/image/compressed", stored, START, format=format)
+    (frame,) = read(tmp_path / "a.mcap")
+    expected = stored // 257 if stored.dtype == np.uint16 else stored
+    np.testing.assert_array_equal(frame.left, expected if expected.ndim == 3 else np.dstack([expected] * 3))
 
 
 def test_rows_that_are_padded_and_bytes_the_other_way_round(tmp_path: Path) -> None:
