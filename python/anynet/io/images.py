@@ -91,7 +91,7 @@ def read_image(path: str | Path, bits: int | None = None) -> npt.NDArray[np.uint
         AnyNetError: if the file is missing, damaged, not an image, or of another type (floating point, 32-bit), or has
             more than `max_pixels`.
     """
-    levels = _levels(path)
+    levels = read_levels(path)
     if bits is None:
         bits = 16
         used = used_bits(levels)
@@ -110,7 +110,7 @@ def read_pair(left: str | Path, right: str | Path) -> tuple[npt.NDArray[np.uint8
     Raises:
         AnyNetError: if one of them cannot be read, or they differ in size.
     """
-    images = _levels(left), _levels(right)
+    images = read_levels(left), read_levels(right)
     if images[0].shape[:2] != images[1].shape[:2]:
         sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in images)
         raise AnyNetError(f"expected two images of one size, got {sizes} ({left}, {right})")
@@ -182,7 +182,8 @@ def _orientation(image: Image.Image) -> int:
     return orientation if isinstance(orientation, int) else 1
 
 
-def _levels(path: str | Path) -> Levels:
+def read_levels(path: str | Path) -> Levels:
+    """The levels of an image file, as `decode_levels` of its bytes."""
     return decode_levels(path, read_bytes(path))
 
 

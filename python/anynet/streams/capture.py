@@ -14,7 +14,7 @@ import numpy as np
 from anynet.errors import AnyNetError
 from anynet.io.files import check_regular
 from anynet.shutdown import computing
-from anynet.streams.source import Frame, Image, Source, halves
+from anynet.streams.source import Frame, Image, Source, left_and_right
 
 RATE = 30.0  # frames per second of a video that does not say
 _SAME_RATE = 0.01  # of a rate, that another may be apart: 30 and 29.97 are meant to be one
@@ -132,13 +132,7 @@ class Capture(Source):
                 images = self._read_again()
                 if images is None:
                     return
-            if len(images) == 2:
-                left, right = images
-            else:
-                left, right = halves(images[0], self._names[0])
-            if left.shape != right.shape:
-                sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (left, right))
-                raise AnyNetError(f"{' and '.join(self._names)}: expected two images of one size, got {sizes}")
+            left, right = left_and_right(images, " and ".join(self._names))
             seconds = time.monotonic() - begin if self.live else index / (self.rate or RATE)
             yield Frame(f"{index:06}", left, right, begin_ns + round(1e9 * seconds), seconds)
             index += 1

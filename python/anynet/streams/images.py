@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from anynet.errors import AnyNetError
-from anynet.io import read_image, read_pair
-from anynet.streams.source import Frame, Source, halves
+from anynet.io.images import read_levels, to_8_bits, used_bits
+from anynet.streams.source import Frame, Source, left_and_right
 
 RATE = 10.0  # frames per second
 
@@ -32,17 +32,20 @@ class ImageFiles(Source):
     def size(self) -> tuple[int, int] | None:
         _, left, right = self._pairs[0]
         try:
-            height, width = read_image(left).shape[:2]
+            height, width = read_levels(left).shape[:2]
         except AnyNetError:  # told when the frame is read
             return None
         return width if right else width // 2, height
 
     def frames(self) -> Iterator[Frame]:
-        begin, rate = time.time_ns(), self.rate or RATE
-        for index, (name, left, right) in enumerate(self._pairs):
+        begin, rate, bits = time.time_ns(), self.rate or RATE, 8
+        for index, (name, *files) in enumerate(self._pairs):
             if self._closed:
                 return
-            images = halves(read_image(left), str(left)) if right is None else read_pair(left, right)
+            paths = [file for file in files if file is not None]
+            levels = [read_levels(path) for path in paths]
+            bits = max([bits, *map(used_bits, levels)])  # of both cameras alike, and without flicker
+            images = left_and_right([to_8_bits(image, bits) for image in levels], " and ".join(map(str, paths)))
             seconds = index / rate
             yield Frame(name, *images, stamp=begin + round(1e9 * seconds), time=seconds)
 

@@ -25,7 +25,7 @@ from anynet.streams.ros import (
     require_rosbags,
     stamp_of,
 )
-from anynet.streams.source import Frame, Source, halves
+from anynet.streams.source import Frame, Source, left_and_right
 
 if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
@@ -99,11 +99,7 @@ class Recording(Source):
                 names = [f"{self._path}: image {index} of {topic}" for topic in self.topics]
                 levels = [levels_of(message, name) for message, name in zip(images, names, strict=True)]
                 bits = max([bits, *map(used_bits, levels)])  # of both cameras alike, and without flicker
-                arrays = [to_8_bits(image, bits) for image in levels]
-                left, right = arrays if len(arrays) == 2 else halves(arrays[0], names[0])
-                if left.shape != right.shape:
-                    sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (left, right))
-                    raise AnyNetError(f"{names[0]}: expected two images of one size, got {sizes}")
+                left, right = left_and_right([to_8_bits(image, bits) for image in levels], names[0])
                 begin = recorded if begin is None else begin
                 stamp = stamp_of(images[0]) or recorded
                 frame_id = str(images[0].header.frame_id)

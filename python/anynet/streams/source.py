@@ -82,12 +82,19 @@ class Source(ABC):
         self.close()
 
 
-def halves(image: Image, where: str) -> tuple[Image, Image]:
-    """The two images of a side-by-side one.
+def left_and_right(images: Sequence[Image], where: str) -> tuple[Image, Image]:
+    """The two images, or the halves of the one that has both side by side.
 
     Raises:
-        AnyNetError: if its width is odd.
+        AnyNetError: if two differ in size, or the width of one is odd.
     """
+    if len(images) == 2:
+        left, right = images
+        if left.shape != right.shape:
+            sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in images)
+            raise AnyNetError(f"{where}: expected two images of one size, got {sizes}")
+        return left, right
+    (image,) = images
     width = image.shape[1]
     if width % 2:
         raise AnyNetError(f"{where}: expected side-by-side images of even width, got {width} pixels")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from anynet.errors import AnyNetError
 from anynet.io import write_image
@@ -38,6 +39,31 @@ def test_side_by_side(tmp_path: Path) -> None:
     write_image(tmp_path / "both.png", np.zeros((8, 13, 3), np.uint8))
     with pytest.raises(AnyNetError, match="expected side-by-side images of even width, got 13"):
         next(ImageFiles([("both", tmp_path / "both.png", None)]).frames())
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("split", [False, True])
+def test_bits_that_are_used(tmp_path: Path, split: bool) -> None:
+    """12 of 16; of a darker image after a bright one too."""
+    files: list[tuple[str, Path, Path | None]] = []
+    for index, level in enumerate((4095, 1000)):
+        path = tmp_path / f"{index}.png"
+        Image.fromarray(np.full((8, 12), level, np.uint16)).save(path)
+        files.append((str(index), path, None if split else path))
+    source = ImageFiles(files)
+    assert source.size == (6 if split else 12, 8)
+    for frame, level in zip(source.frames(), (255, 62), strict=True):
+        assert (np.stack([frame.left, frame.right]) == level).all()
+
+
+def test_sizes_that_differ(tmp_path: Path) -> None:
+    paths = tmp_path / "a.png", tmp_path / "b.png"
+    for path, width in zip(paths, (12, 10), strict=True):
+        write_image(path, np.zeros((8, width, 3), np.uint8))
+    with pytest.raises(
+        AnyNetError, match=r"b\.png: expected two images of one size, got 12 x 8 and 10 x 8$"
+    ):
+        next(ImageFiles([("a", *paths)]).frames())
 
 
 def test_a_damaged_file_and_closing(tmp_path: Path) -> None:
