@@ -57,7 +57,10 @@ class Recording(Source):
         super().__init__()
         self._path = Path(path)
         check_regular(path)
-        self._ros = 1 if self._path.suffix == ".bag" else 2
+        ending = self._path.suffix.lower()
+        if ending in (".mcap", ".db3") and ending != self._path.suffix:  # rosbags goes by it
+            raise AnyNetError(f"{path}: expected the ending {ending} in lower case, got {self._path.suffix}")
+        self._ros = 1 if ending == ".bag" else 2
         if not 0 <= slop < math.inf:
             raise AnyNetError(f"expected slop of 0 seconds or more, got {slop:g}")
         self._slop = round(1e9 * slop)

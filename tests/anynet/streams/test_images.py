@@ -60,9 +60,7 @@ def test_sizes_that_differ(tmp_path: Path) -> None:
     paths = tmp_path / "a.png", tmp_path / "b.png"
     for path, width in zip(paths, (12, 10), strict=True):
         write_image(path, np.zeros((8, width, 3), np.uint8))
-    with pytest.raises(
-        AnyNetError, match=r"b\.png: expected two images of one size, got 12 x 8 and 10 x 8$"
-    ):
+    with pytest.raises(AnyNetError, match=r"b\.png: expected two images of one size, got 12 x 8 and 10 x 8$"):
         next(ImageFiles([("a", *paths)]).frames())
 
 

@@ -55,6 +55,17 @@ def test_kinds(tmp_path: Path, name: str) -> None:
         assert source.calibration is None
 
 
+def test_endings_in_upper_case(tmp_path: Path) -> None:
+    write(tmp_path / "a.bag").rename(tmp_path / "A.BAG")
+    assert len(read(tmp_path / "A.BAG")) == 4
+    for ending in ("mcap", "db3"):
+        path = tmp_path / f"A.{ending.upper()}"
+        with pytest.raises(
+            AnyNetError, match=rf"A.*: expected the ending \.{ending} in lower case, got"
+        ):
+            Recording(path)
+
+
 def test_an_mcap_file_of_another_writer(tmp_path: Path) -> None:
     writer = pytest.importorskip("mcap_ros2.writer", reason="mcap-ros2-support is not installed")
     definition = """std_msgs/Header header

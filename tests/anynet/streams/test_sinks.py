@@ -221,6 +221,13 @@ def test_a_recording_is_named_when_it_is_complete(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == ["out.mcap"]
 
 
+@pytest.mark.parametrize(("name", "magic"), [("OUT.BAG", b"#ROSBAG V2.0"), ("OUT.MCAP", b"\x89MCAP0")])
+def test_endings_in_upper_case(tmp_path: Path, name: str, magic: bytes) -> None:
+    record(tmp_path / name)
+    assert os.listdir(tmp_path) == [name]
+    assert (tmp_path / name).read_bytes().startswith(magic)
+
+
 def test_names_that_cannot_be(tmp_path: Path) -> None:
     (tmp_path / "old.mcap").touch()
     with pytest.raises(AnyNetError, match=r"old.mcap exists: expected the name of a new file$"):
