@@ -60,7 +60,7 @@ def predict(
     input_scale: InputScale = None,
     budget_ms: BudgetMs = None,
     stage: Stage = None,
-    format: DisparityFile = Format.png,
+    format: DisparityFile = None,
     depth_format: DepthFiles = None,
     shard: Annotated[
         str | None,
@@ -110,7 +110,7 @@ def predict(
         raise AnyNetError("--depth-format and --max-depth belong to a calibration (--calib, or --focal and --baseline)")
     prepare = cameras.preparation(calibration, input_scale)
     inputs = file_ids(path for pair in pairs for path in (pair.left, pair.right))
-    writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth, inputs)
+    writer = Writer(out, format or Format.png, tuple(depth_format or [DepthFormat.tiff]), max_depth, inputs)
     trust = Trust(min_confidence, drop_occluded)
     asked = {"confidence": confidence or left_right or trust.asked, "left_right": left_right}
     request = Request(prepare, writer, budget_ms, stage, all_stages, save_rectified, told, trust, asked)

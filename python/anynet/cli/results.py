@@ -52,7 +52,10 @@ class DepthFormat(str, Enum):
     png = "png"
 
 
-DisparityFile = Annotated[Format, typer.Option(help="Disparity files: 16-bit PNG as KITTI's, PFM, or NumPy.")]
+DisparityFile = Annotated[
+    Format | None,
+    typer.Option(help="Disparity files: 16-bit PNG as KITTI's, PFM, or NumPy.", show_default="png"),
+]
 DepthFiles = Annotated[
     list[DepthFormat] | None,
     typer.Option(

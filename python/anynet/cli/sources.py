@@ -6,6 +6,7 @@ import glob
 import os
 import re
 import stat
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,18 +29,14 @@ Topics = Annotated[
     tuple[str, str] | None, typer.Option(help="Of a recording: left and right.", show_default="found by names")
 ]
 Topic = Annotated[str | None, typer.Option(help="Of a recording with --split.", show_default="found")]
-_SLOP, _RECONNECT = 0.01, 10.0
+# None where not given: an option that a source does not have is refused.
 Slop = Annotated[
     float | None,
-    typer.Option(
-        min=0, help="Seconds that left and right images of a recording may be apart.", show_default=str(_SLOP)
-    ),
+    typer.Option(min=0, help="Seconds that left and right images of a recording may be apart.", show_default="0.01"),
 ]
 Reconnect = Annotated[
     float | None,
-    typer.Option(
-        min=0, help="Seconds to go on trying to open a live source that stopped.", show_default=str(_RECONNECT)
-    ),
+    typer.Option(min=0, help="Seconds to go on trying to open a live source that stopped.", show_default="10"),
 ]
 
 _BAGS = {".bag", ".mcap", ".db3"}
@@ -67,41 +64,41 @@ def open_source(
         split: `source` has both images side by side.
         rate: frames per second; see `Stream`, `Capture`, `ImageFiles`.
         size: WIDTHxHEIGHT that cameras are asked for.
-        topics: of a recording, left and right; see `Recording`, as for `slop`.
+        topics: of a recording, left and right; see `Recording`, as for `slop` (0.01).
         topic: of a recording that is `split`, in their place.
-        reconnect: see `Capture`.
+        reconnect: of a live source; see `Capture` (10).
 
     Raises:
-        AnyNetError: if it cannot be opened, or an option is not one of such a source.
+        AnyNetError: if it cannot be opened, or an option belongs to other sources.
     """
     from anynet.streams import Capture, ImageFiles, Recording
 
     asked = size_of(size)
-    named = (topics or ()) if topic is None else (topic,)
+    of_live = {"--size": size, "--reconnect": reconnect}
     if rate is not None and not 0 < rate <= 1000:
         raise AnyNetError(f"expected a rate above 0, up to 1000 frames per second, got {rate:g}")
     if split and right is not None:
         raise AnyNetError("--split is for one source that has both images side by side, got two")
-    if topics and topic is not None:
-        raise AnyNetError("--topic and --topics exclude each other")
-    names = [source] if right is None else [source, right]
-    live = [_is_live(name) for name in names]
-    if not any(live) and (asked is not None or reconnect is not None):
-        raise AnyNetError(f"--size and --reconnect belong to live sources, got {source}")
+    if topics is not None and topic is not None:
+        raise AnyNetError("expected --topics, or --topic with --split, got both")
     if _is_recording(source):
+        _refuse(of_live, "live sources", source)
         if right is not None:
             raise AnyNetError(f"expected no RIGHT beside the recording {source}, which has both; see --topics")
-        return Recording(source, named, split, _SLOP if slop is None else slop)
-    if named or slop is not None:
-        raise AnyNetError(f"--topic, --topics and --slop belong to ROS bags and MCAP files, got {source}")
+        named = (topics or ()) if topic is None else (topic,)
+        return Recording(source, named, split, 0.01 if slop is None else slop)
+    _refuse({"--topics": topics, "--topic": topic, "--slop": slop}, "ROS bags and MCAP files", source)
     if not split and right is None:
         raise AnyNetError(
             f"{source}: expected RIGHT too, or --split for images side by side, or a ROS bag or MCAP file"
         )
+    names = [source] if right is None else [source, right]
+    live = [_is_live(name) for name in names]
     if any(live) != all(live):
         raise AnyNetError(f"expected two live sources or two recorded ones, got {' and '.join(names)}")
     if live[0]:
-        return Capture(names, True, rate, asked, _RECONNECT if reconnect is None else reconnect)
+        return Capture(names, True, rate, asked, 10.0 if reconnect is None else reconnect)
+    _refuse(of_live, "live sources", source)
     if any(_is_images(name) for name in names):
         pairs, alone = find_pairs(source, source if right is None else right)
         found = ImageFiles([(p.name, p.left, None if right is None else p.right) for p in pairs], rate)
@@ -118,6 +115,13 @@ def size_of(text: str | None) -> tuple[int, int] | None:
     if not all(re.fullmatch("[1-9][0-9]{0,4}", side) for side in (width, height)):
         raise AnyNetError(f"{_FORMAT}, got {text}")
     return int(width), int(height)
+
+
+def _refuse(options: Mapping[str, object], owner: str, source: str) -> None:
+    """Raises AnyNetError if one is given that this source does not have."""
+    for name, value in options.items():
+        if value is not None:
+            raise AnyNetError(f"{name} belongs to {owner}, got {source}")
 
 
 def _is_recording(name: str) -> bool:

@@ -72,11 +72,12 @@ def stream(
     input_scale: InputScale = None,
     budget_ms: BudgetMs = None,
     stage: Stage = None,
-    format: DisparityFile = Format.png,
+    format: DisparityFile = None,
     depth_format: DepthFiles = None,
     depth_encoding: Annotated[
-        DepthEncoding, typer.Option(help="Recorded depth: float meters, or 16-bit millimeters.")
-    ] = DepthEncoding.meters,
+        DepthEncoding | None,
+        typer.Option(help="Recorded depth: float meters, or 16-bit millimeters.", show_default="32FC1"),
+    ] = None,
     cameras: CameraOptions = UNKNOWN,
     max_depth: MaxDepth = None,
     confidence: Confidence = False,
@@ -100,16 +101,20 @@ def stream(
     """
     if view:
         computed = (record, video, frames, budget_ms, stage, every_frame, confidence, left_right, min_confidence,
-                    drop_occluded, as_json)  # fmt: skip
+                    drop_occluded, as_json, format, depth_format, depth_encoding, max_depth)  # fmt: skip
         if any(option not in (None, False, 0.0, []) for option in computed):
             raise AnyNetError(
-                "--view excludes --record, --video, --frames, --budget-ms, --stage, --every-frame, --json and the "
-                "options of confidence: the page has its own"
+                "--view excludes --record, --video, --frames, --budget-ms, --stage, --every-frame, --json, "
+                "--max-depth, the formats of files and the options of confidence: the page has its own"
             )
-    if out is None and (format is not Format.png or depth_format):
-        raise AnyNetError("--format and --depth-format belong to --out")
-    if not record and depth_encoding is not DepthEncoding.meters:
-        raise AnyNetError("--depth-encoding belongs to --record")
+    for name, option, owner, used in (
+        ("--format", format, "--out", out),
+        ("--depth-format", depth_format, "--out", out),
+        ("--depth-encoding", depth_encoding, "--record", record),
+        ("--max-depth", max_depth, "--out and --record", out or record),
+    ):
+        if option not in (None, []) and not used:
+            raise AnyNetError(f"{name} belongs to {owner}")
     trust = Trust(min_confidence, drop_occluded)
 
     from anynet.streams import Recorder, Stream, Video
@@ -138,10 +143,11 @@ def stream(
         writer = None
         if out is not None:
             make_folder(out)
-            writer = Writer(out, format, tuple(depth_format or [DepthFormat.tiff]), max_depth, file_ids(opened.files))
+            formats = format or Format.png, tuple(depth_format or [DepthFormat.tiff])
+            writer = Writer(out, *formats, max_depth, file_ids(opened.files))
         sinks: list[Sink] = []
         for path in record or ():
-            sinks.append(stack.enter_context(Recorder(path, depth_encoding.value, max_depth)))
+            sinks.append(stack.enter_context(Recorder(path, (depth_encoding or DepthEncoding.meters).value, max_depth)))
         if video is not None:
             sinks.append(stack.enter_context(Video(video, opened.rate or 30)))
         try:

@@ -90,6 +90,11 @@ def test_mistakes_are_told_at_once(run: Run, folders: tuple[Path, Path], weights
         (("--format", "npy"), "--format and --depth-format belong to --out"),
         (("--depth-encoding", "16UC1"), "--depth-encoding belongs to --record"),
         (("--max-depth", "nan"), "expected --max-depth > 0, got nan"),
+        (("--max-depth", 5, "--video", tmp_path / "a.mp4"), "--max-depth belongs to --out and --record"),
+        (("--format", "npy", "--record", tmp_path / "a.mcap"), "--format belongs to --out"),
+        (("--depth-format", "npy"), "--depth-format belongs to --out"),
+        (("--depth-encoding", "16UC1", "--out", tmp_path / "out"), "--depth-encoding belongs to --record"),
+        (("--size", "64x48"), "--size belongs to live sources"),
     ):
         result = run("stream", *folders, "--weights", weights, "--every-frame", *options)
         assert result.status == 2, options
@@ -169,7 +174,8 @@ def scene_of(folders: tuple[Path, Path]) -> list[np.ndarray]:
 
 
 def test_view_excludes_what_it_does_not_do(run: Run, folders: tuple[Path, Path], tmp_path: Path) -> None:
-    for options in (("--record", tmp_path / "a.mcap"), ("--json",), ("--stage", 1), ("--min-confidence", 0.5)):
+    for options in (("--record", tmp_path / "a.mcap"), ("--json",), ("--stage", 1), ("--min-confidence", 0.5),
+                    ("--format", "npy"), ("--max-depth", 5)):  # fmt: skip
         result = run("stream", *folders, "--view", *options)
         assert result.status == 2
         assert result.err.startswith("anynet: --view excludes --record")

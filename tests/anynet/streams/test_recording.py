@@ -60,9 +60,7 @@ def test_endings_in_upper_case(tmp_path: Path) -> None:
     assert len(read(tmp_path / "A.BAG")) == 4
     for ending in ("mcap", "db3"):
         path = tmp_path / f"A.{ending.upper()}"
-        with pytest.raises(
-            AnyNetError, match=rf"A.*: expected the ending \.{ending} in lower case, got"
-        ):
+        with pytest.raises(AnyNetError, match=rf"A.*: expected the ending \.{ending} in lower case, got"):
             Recording(path)
 
 
