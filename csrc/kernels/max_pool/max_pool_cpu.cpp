@@ -13,7 +13,10 @@ void max_pool(const MaxPool<T>& a, int threads) {
     const T* lower = upper + a.width;
     const T scale = a.epilogue.scale[plane % a.channels], shift = a.epilogue.shift[plane % a.channels];
     T* __restrict out = a.out + i * width;
-    const auto larger = [](T p, T q) { return p < q || q != q ? q : p; };  // keeps NaN
+    const auto larger = [](T p, T q) {  // keeps NaN, by two selections, which GCC makes vectors of
+      const T most = p < q ? q : p;
+      return q != q ? q : most;
+    };
     for (int64_t x = 0; x < width; ++x) {
       const T largest = larger(larger(upper[2 * x], upper[2 * x + 1]), larger(lower[2 * x], lower[2 * x + 1]));
       out[x] = larger(scale * largest + shift, T(0));
