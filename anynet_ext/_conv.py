@@ -47,7 +47,7 @@ def conv3x3(
     Returns:
         [N, O, (H - 1) // stride + 1, (W - 1) // stride + 1]. Differentiable in every tensor; the gradients repeat bit
         for bit whatever the number of threads. There is no second derivative. Under autocast it computes in float32,
-        and returns that.
+        and returns that. On the CPU, what is NaN before `relu_in` has no gradient.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.

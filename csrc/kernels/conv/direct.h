@@ -335,7 +335,7 @@ void block(const Window<T>& window, int64_t x, int64_t last, const T* weight, co
         if (positive != nullptr) {
           vec<T> before{};
           std::memcpy(&before, positive + at, size * sizeof(T));
-          value = before <= vec<T>{} ? vec<T>{} : value;  // NaN is kept
+          value = before > vec<T>{} ? value : vec<T>{};
         }
         if (size < L) {
           std::memcpy(out + at, &value, size * sizeof(T));

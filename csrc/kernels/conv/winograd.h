@@ -309,7 +309,7 @@ ANYNET_INLINE void finish_strip(const T* products, int64_t step, int64_t count, 
       if (at[k] < 0) continue;
       vec<T> value = m[k / Tiles::inner * Tiles::inner_in + k % Tiles::inner] + bias;
       value = value < lowest ? lowest : value;  // keeps NaN
-      if (positive != nullptr) value = load(positive + at[k] + x) <= vec<T>{} ? vec<T>{} : value;
+      if (positive != nullptr) value = load(positive + at[k] + x) > vec<T>{} ? value : vec<T>{};
       store(out + at[k] + x, value);
     }
   }
