@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
-from numbers import Integral, Real
 from time import perf_counter
 from typing import Any
 
@@ -27,7 +26,7 @@ from anynet.model.confidence import ConfidenceModel
 from anynet.model.deploy import DeployedAnyNet
 from anynet.model.graphs import GraphedAnyNet
 from anynet.samples import MAX_DISPARITY
-from anynet.scheduler import MAX_THREADS, LatencyTable
+from anynet.scheduler import MAX_THREADS, LatencyTable, budget_of, last_stage_of
 from anynet.shutdown import computing
 from anynet.waiting import waiting
 
@@ -205,30 +204,24 @@ class Predictor:
     ) -> Estimate:
         start = perf_counter()
         frame = self._frame("predict", left, right, *asked)
-        if stage is None:
-            stage = self.config.stages
-        elif isinstance(stage, bool) or not isinstance(stage, Integral) or not 1 <= stage <= self.config.stages:
-            raise AnyNetError(f"predict: expected stage from 1 to {self.config.stages}, got {stage!r}")
-        if budget_ms is None:
-            budget_ms = math.inf
-        elif isinstance(budget_ms, bool) or not isinstance(budget_ms, Real) or not budget_ms >= 0:
-            raise AnyNetError(f"predict: expected budget_ms >= 0, got {budget_ms!r}")
+        last = last_stage_of("predict", stage, self.config.stages)
+        budget = budget_of("predict", budget_ms)
         with inference(self.threads) as threads:
             latencies = self._latencies[frame.kind, threads]
             steps = frame.steps()
             prepared = perf_counter() - start
             marks: list[Any] = [self._clock.mark()]
-            for reached, latency in enumerate(latencies.stages[:stage]):
-                if reached and budget_ms < math.inf:
+            for reached, latency in enumerate(latencies.stages[:last]):
+                if reached and budget < math.inf:
                     elapsed = prepared + self._clock.seconds(marks[0], marks[-1])
                     needed = latency.expected(unknown=elapsed) + latencies.enlarging.expected(unknown=0)
-                    if 1e3 * (elapsed + needed) > budget_ms:
+                    if 1e3 * (elapsed + needed) > budget:
                         latency.skipped()
                         break
                 results = next(steps)
                 marks.append(self._clock.mark())
             else:
-                reached = int(stage)
+                reached = len(marks) - 1
             maps = frame.maps(reached, *results)
             marks.append(self._clock.mark())
         for latency, span in zip((*latencies.stages[:reached], latencies.enlarging), pairwise(marks), strict=True):

@@ -7,12 +7,36 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from functools import partial
-from typing import Generic, TypeVar
+from numbers import Integral, Real
+from typing import Any, Generic, TypeVar
+
+from anynet.errors import AnyNetError
 
 V = TypeVar("V")
 
 MAX_THREADS = 256  # starting many more ends the process
 SIZES = 64  # kept: the most recently seen
+
+
+def budget_of(caller: str, budget_ms: Any) -> float:
+    """Milliseconds; None: no limit. Raises AnyNetError if it is no such number."""
+    if budget_ms is None:
+        return math.inf
+    number = isinstance(budget_ms, Real) and not isinstance(budget_ms, bool)
+    if not number or not budget_ms >= 0:
+        raise AnyNetError(f"{caller}: expected budget_ms >= 0, got {budget_ms!r}")
+    budget: float = budget_ms
+    return budget
+
+
+def last_stage_of(caller: str, stage: Any, stages: int | None) -> int | None:
+    """The last stage to compute of `stages`, of which None says nothing. Raises AnyNetError if there is none such."""
+    if stage is None:
+        return stages
+    number = isinstance(stage, Integral) and not isinstance(stage, bool)
+    if not number or not 1 <= stage <= (stages or stage):
+        raise AnyNetError(f"{caller}: expected stage from 1 to {stages or 'the last'}, got {stage!r}")
+    return int(stage)
 
 
 class Latency:

@@ -8,7 +8,7 @@ import os
 import threading
 from collections import defaultdict
 from dataclasses import dataclass
-from numbers import Integral, Real
+from numbers import Real
 from time import perf_counter
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from torch import Tensor
 from anynet.errors import AnyNetError
 from anynet.frame import Image, check_images
 from anynet.predictor import Estimate, Predictor
-from anynet.scheduler import Latency
+from anynet.scheduler import Latency, budget_of, last_stage_of
 
 if TYPE_CHECKING:
     from anynet.camera import ShiftedPredictor
@@ -95,15 +95,9 @@ class Worker:
         confidence: bool = False,
         left_right: bool = False,
     ) -> None:
-        if budget_ms is not None and (
-            isinstance(budget_ms, bool) or not isinstance(budget_ms, Real) or not budget_ms >= 0
-        ):
-            raise AnyNetError(f"Worker: expected budget_ms >= 0, got {budget_ms!r}")
+        budget = budget_of("Worker", budget_ms)
         stages = getattr(getattr(predictor, "config", None), "stages", None)  # stand-ins have none
-        if stage is not None and (
-            isinstance(stage, bool) or not isinstance(stage, Integral) or not 1 <= stage <= (stages or stage)
-        ):
-            raise AnyNetError(f"Worker: expected stage from 1 to {stages or 'the last'}, got {stage!r}")
+        last = last_stage_of("Worker", stage, stages)
         for name, value in (("preempt", preempt), ("confidence", confidence), ("left_right", left_right)):
             if not isinstance(value, bool):
                 raise AnyNetError(f"Worker: expected {name} as True or False, got {value!r}")
@@ -112,8 +106,8 @@ class Worker:
         # The thread knows this part alone: it ends when the worker itself is forgotten.
         self._loop = _Loop(
             predictor,
-            math.inf if budget_ms is None else budget_ms,
-            math.inf if stage is None else int(stage),
+            budget,
+            math.inf if last is None else last,
             preempt,
             {"confidence": True, "left_right": left_right} if confidence else {},
         )

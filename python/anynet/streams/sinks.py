@@ -94,7 +94,8 @@ class Recorder(Sink):
         self._max_depth = max_depth
         self._namespace = namespace
         self._part = _unfinished(self._path)
-        self._messages = Messages(1 if self._path.suffix.lower() == ".bag" else 2)
+        self._ending = self._path.suffix.lower()
+        self._messages = Messages(1 if self._ending == ".bag" else 2)
         self._topics: dict[str, Any] = {}
         with _told(self._path):
             self._writer = self._open()
@@ -108,7 +109,7 @@ class Recorder(Sink):
         if self._messages.ros == 1:
             writer = Writer1(self._part)
         else:
-            plugin = StoragePlugin.MCAP if self._path.suffix.lower() == ".mcap" else StoragePlugin.SQLITE3
+            plugin = StoragePlugin.MCAP if self._ending == ".mcap" else StoragePlugin.SQLITE3
             # The name inside is kept when the folder gets its own.
             self._part.mkdir()
             writer = Writer2(self._part / self._path.name, version=8, storage_plugin=plugin)
@@ -154,7 +155,7 @@ class Recorder(Sink):
             part = self._part
             if self._messages.ros == 2:
                 part = part / self._path.name
-                if self._path.suffix.lower() == ".mcap":
+                if self._ending == ".mcap":
                     part = part / f"{part.name}.mcap"
             if self._topics:
                 os.replace(part, self._path)

@@ -36,8 +36,9 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     found.values, found.size = _values(left, "left"), _size(left)
     if right is not None:
         from_values(found, found.values, _values(right, "right"))
-        found.size = found.size or _size(right)
-        if (size := _size(right)) not in (None, found.size):
+        size = _size(right)
+        found.size = found.size or size
+        if size not in (None, found.size):
             raise AnyNetError(f"expected one width and height of both cameras, got {found.size} and {size}")
     for name, camera in (("left", left), ("right", right or {})):
         if "coeffs" in camera and numbers(camera["coeffs"], "coeffs").any():
