@@ -33,8 +33,8 @@ def conv3x3(
 
     It is for layers whose channels are few and pixels many, where general libraries reach a few per cent of a CPU's
     arithmetic: pixels lie in the vector registers, in PyTorch's own layout, and nothing is reordered. Prefer PyTorch's
-    (oneDNN's) convolutions for more than 32 channels out, for other kernel sizes, and for rows much shorter than a
-    vector (16 pixels). On CUDA tensors the derivatives are PyTorch's own.
+    (oneDNN's) convolutions for other kernel sizes, for rows much shorter than a vector (16 pixels), and on GPUs for
+    more than 16 channels. On CUDA tensors the derivatives are PyTorch's own.
 
     Args:
         input: [N, C, H, W], float32 or float64, 1 <= C <= 64; made contiguous if it is not.

@@ -10,7 +10,7 @@ from anynet.model.layers import Convolution, affine_of, few_channels, norm_relu
 
 
 @pytest.mark.parametrize("dims", [2, 3])
-@pytest.mark.parametrize("channels", [(3, 5), (5, 40), (70, 4)])
+@pytest.mark.parametrize("channels", [(3, 5), (5, 40), (5, 70), (70, 4)])
 @pytest.mark.parametrize("stride", [1, 2])
 @torch.no_grad()
 def test_a_convolution_folds_what_surrounds_it(dims: int, channels: tuple[int, int], stride: int) -> None:
@@ -18,7 +18,7 @@ def test_a_convolution_folds_what_surrounds_it(dims: int, channels: tuple[int, i
     inputs, outputs = channels
     conv = trained(Convolution(inputs, outputs, dims=dims, stride=stride, bias=True))
     assert isinstance(conv, Convolution)
-    assert few_channels(conv.weight) == (channels == (3, 5))
+    assert few_channels(conv.weight) == (max(channels) <= 64)
     before, after = (trained((nn.BatchNorm2d, nn.BatchNorm3d)[dims - 2](c)) for c in channels)
     x = picture(1, inputs, *[4, 7, 9][3 - dims :])
     expected = F.relu(after(conv(F.relu(before(x)))))
