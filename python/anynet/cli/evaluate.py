@@ -143,6 +143,8 @@ def evaluate(
             "--splits: expected one region, and as many weights as data; "
             f"got {len(regions)}, {len(methods)}, {len(data)}"
         )
+    if splits and len(set(zip((name for name, _ in methods), data, strict=True))) < len(data):
+        raise AnyNetError("--splits: expected splits that differ, got the same weights on the same data twice")
     # What takes turns, and on what data.
     rounds = (
         [(dict([m]), d) for m, d in zip(methods, named, strict=True)] if splits else [(dict(methods), d) for d in named]

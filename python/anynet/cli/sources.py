@@ -85,6 +85,8 @@ def open_source(
         _refuse(of_live, "live sources", source)
         if right is not None:
             raise AnyNetError(f"expected no RIGHT beside the recording {source}, which has both; see --topics")
+        if split and slop is not None:
+            raise AnyNetError("--slop is for recordings of two topics, and --split for those of one: got both")
         named = (topics or ()) if topic is None else (topic,)
         return Recording(source, named, split, 0.01 if slop is None else slop)
     _refuse({"--topics": topics, "--topic": topic, "--slop": slop}, "ROS bags and MCAP files", source)

@@ -12,10 +12,10 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anynet.errors import AnyNetError
+from anynet.io.files import replacing
 
 if TYPE_CHECKING:
     from anynet.export.network import Request
@@ -24,15 +24,16 @@ FORMATS = ("onnx", "pt2", "aoti")
 
 
 def export_as(format: str, request: Request, path: str | os.PathLike[str]) -> None:
-    """Writes the network in one of `FORMATS`.
+    """Writes the network in one of `FORMATS`; whole, or not at all.
 
     Raises:
-        AnyNetError: if there is no such format, the request cannot be met, or what the format needs is not installed.
+        AnyNetError: if there is no such format, the request cannot be met, what the format needs is not installed, or
+            the file cannot be written.
     """
     if format not in FORMATS:
         raise AnyNetError(f"export: expected format {', '.join(FORMATS)}, got {format!r}")
-    with _quiet():
-        getattr(import_module(f"anynet.export.{format}"), f"export_{format}")(request, Path(path))
+    with _quiet(), replacing(path) as unfinished:
+        getattr(import_module(f"anynet.export.{format}"), f"export_{format}")(request, unfinished)
 
 
 @contextmanager

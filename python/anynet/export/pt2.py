@@ -23,4 +23,4 @@ def export_pt2(request: Request, path: Path) -> None:
 def check_name(path: Path) -> None:
     """PyTorch insists on it."""
     if path.suffix != ".pt2":
-        raise AnyNetError(f"{path}: expected a name that ends in .pt2")
+        raise AnyNetError(f"{path.name}: expected a name that ends in .pt2")

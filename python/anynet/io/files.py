@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -113,7 +114,7 @@ def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
     """
     path = Path(path)
     try:
-        unfinished = path.with_name(_UNFINISHED.format(secrets.token_hex(8)))  # same folder: the same disk
+        unfinished = _unfinished(path)
         try:
             with open(unfinished, "xb") as file:
                 file.write(data)
@@ -124,6 +125,32 @@ def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
             unfinished.unlink(missing_ok=True)
     except (OSError, ValueError) as error:
         raise AnyNetError(f"cannot write {path}: {reason(error)}") from error
+
+
+@contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """For writers that open files themselves: a path of the same name to write to, which then takes the place of `path`.
+
+    Raises:
+        AnyNetError: as `write_atomically`. `path` is then as it was before, as on errors of the writer.
+    """
+    path = Path(path)
+    try:
+        folder = _unfinished(path)
+        folder.mkdir()
+    except (OSError, ValueError) as error:
+        raise AnyNetError(f"cannot write {path}: {reason(error)}") from error
+    try:
+        yield folder / path.name
+        os.replace(folder / path.name, path)
+    except OSError as error:
+        raise AnyNetError(f"cannot write {path}: {reason(error)}") from error
+    finally:
+        shutil.rmtree(folder)
+
+
+def _unfinished(path: Path) -> Path:
+    return path.with_name(_UNFINISHED.format(secrets.token_hex(8)))  # same folder: the same disk
 
 
 def remove_unfinished(folder: str | os.PathLike[str]) -> None:

@@ -62,6 +62,9 @@ def test_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 def test_every_split_wants_data(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "--splits", "--method", "bm", "--data", "render:1", "--data", "render:1"]) == 2
     assert "as many weights as data; got 1, 1, 2" in capsys.readouterr().err
+    twice = ["--weights", "paper", "--data", "render:1"] * 2
+    assert main(["evaluate", "--splits", *twice]) == 2
+    assert "expected splits that differ" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("options", [[], ["--confidence"]])

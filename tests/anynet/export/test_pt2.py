@@ -32,6 +32,19 @@ def test_it_is_the_predictors_for_images_of_any_size(small_weights: Path, pair: 
 def test_its_name_is_checked(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match=r"expected a name that ends in .pt2"):
         export_as("pt2", Request("default", 40, 56), tmp_path / "network.pt")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_file_is_as_it_was_after_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_: object, path: Path) -> None:
+        path.write_bytes(b"a part")
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "network.pt2").write_bytes(b"before")
+    monkeypatch.setattr(torch.export, "save", full)
+    with pytest.raises(AnyNetError, match=r"cannot write .*network.pt2: No space left on device"):
+        export_as("pt2", Request("paper", 40, 56), tmp_path / "network.pt2")
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("network.pt2", b"before")]
 
 
 @pytest.mark.slow
