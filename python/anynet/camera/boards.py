@@ -72,10 +72,12 @@ class Board:
     def _find_charuco(self, gray: Image) -> Corners | None:
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{self.dictionary}"))
         board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, dictionary)
-        places, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(gray)
-        if numbers is None or len(numbers) < 6:
-            return None
-        return Corners(np.asarray(numbers, np.int64).ravel(), np.asarray(places, np.float32).reshape(-1, 2))
+        for legacy in (False, True):  # boards drawn before OpenCV 4.6 have the markers in the other squares
+            board.setLegacyPattern(legacy)
+            places, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(gray)
+            if numbers is not None and len(numbers) >= 6:
+                return Corners(np.asarray(numbers, np.int64).ravel(), np.asarray(places, np.float32).reshape(-1, 2))
+        return None
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,16 @@ _OFF_CENTER = 0.3  # of the image, principal point from the center
 MAX_DISPARITY = 192  # pixels that the networks search
 
 
-def check_baseline(baseline: float) -> list[str]:
-    """One sentence if a baseline, meters, is hardly one; else none."""
+def check_baseline(baseline: float, hint: str = "") -> list[str]:
+    """One sentence if a baseline, meters, is hardly one; else none. `hint` says in its end what to do."""
     if baseline > _LONGEST:
-        return [
-            f"a baseline of {baseline:g} m is long: are the calibration's lengths in millimeters or centimeters? "
-            "Say it with --calib-unit mm (or cm, m)"
-        ]
+        hint = hint or (
+            "are the calibration's lengths in millimeters or centimeters? Say it with --calib-unit mm (or cm, m)"
+        )
+        return [f"a baseline of {baseline:g} m is long: {hint}"]
     if baseline < _SHORTEST:
-        return [
-            f"a baseline of {baseline:g} m is short: are the calibration's lengths in meters? "
-            "Say it with --calib-unit m (or mm, cm)"
-        ]
+        hint = hint or "are the calibration's lengths in meters? Say it with --calib-unit m (or mm, cm)"
+        return [f"a baseline of {baseline:g} m is short: {hint}"]
     return []
 
 

@@ -127,8 +127,10 @@ class PairPreparation:
         if calibration is not None:
             calibration.check_size(width, height)
             findings += check_calibration(calibration, width, height, self._reach)
+        doffs = 0.0 if calibration is None else calibration.doffs
         smallest = self._min_disparity or 0
-        if self._check or self._fix_rows:
+        searched = self._min_disparity is None and doffs > 0
+        if self._check or self._fix_rows or searched:
             matches = match_corners(left, right)
             shift = fit_rows(matches) if self._fix_rows else None
             if shift is not None and (abs(shift.shift) > _LEAST_SHIFT or abs(shift.roll) > _LEAST_ROLL):
@@ -137,10 +139,9 @@ class PairPreparation:
                 notes.append(f"rows of the right image moved by {-shift.shift:.2f} pixels, turned by {-shift.roll:.5f}")
             elif self._fix_rows and shift is None:
                 findings.append("rows not corrected: too few corners match, or the error is no small shift and roll")
+            if searched:
+                smallest = min_disparity(calibration, matches)
             if self._check:
-                doffs = 0.0 if calibration is None else calibration.doffs
-                if self._min_disparity is None:
-                    smallest = min_disparity(calibration, matches)
                 findings += check_rectified(left, right, matches, doffs, self._reach + smallest, self._hint())
         if smallest:
             notes.append(f"disparities looked for from {smallest} pixels on")

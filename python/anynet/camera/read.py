@@ -120,6 +120,8 @@ def _finished(found: Found, replace: Mapping[str, float]) -> Calibration | Stere
         raise AnyNetError(f"expected values of {', '.join(_VALUES)} to replace, got {', '.join(sorted(unknown))}")
     if found.rig is not None and (found.raw or not found.values):
         return _raw(found, found.rig, replace)
+    if found.rig is not None and "baseline" in replace:
+        found.rig = found.rig.with_baseline(replace["baseline"])
     values = {**found.values, **replace}
     lacking = [name for name in ("focal", "baseline") if name not in values]
     lacking += [name for name in found.lacking if name not in values and name not in lacking]

@@ -23,6 +23,8 @@ PINHOLE, FISHEYE = "pinhole", "fisheye"
 # OpenCV's: k1 k2 p1 p2 [k3 [k4 k5 k6 [s1 s2 s3 s4 [tx ty]]]] (8 and more: rational); fisheye: k1 k2 k3 k4
 _COEFFICIENTS = {PINHOLE: (4, 5, 8, 12, 14), FISHEYE: (4,)}
 _ALIGNED = 5e-4  # radians: below half a pixel of rows at a focal length of 1000 pixels
+_TURNED = 0.25  # pixels of disparity by which a turn about the vertical may be wrong
+_SKEW = 5e-4  # of the focal length; OpenCV's rectification knows no skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +50,11 @@ class Camera:
             raise AnyNetError("expected a camera matrix of 3 x 3 with focal lengths > 0")
         if abs(matrix[1, 0]) + abs(matrix[2, 0]) + abs(matrix[2, 1]) > 1e-9 or abs(matrix[2, 2] - 1) > 1e-6:
             raise AnyNetError("expected a camera matrix whose rows end in 0 0 1 below the diagonal")
+        if abs(matrix[0, 1]) > _SKEW * matrix[1, 1]:  # at the image's border, a fraction of a pixel
+            raise AnyNetError(
+                f"expected a camera matrix without skew, got {matrix[0, 1]:g} beside focal lengths of {matrix[0, 0]:g} "
+                f"and {matrix[1, 1]:g}: calibrate with square axes (cv2.fisheye's CALIB_FIX_SKEW)"
+            )
         counts = _COEFFICIENTS[self.model]
         if distortion.size and distortion.size not in counts:
             expected = ", ".join(map(str, counts))
@@ -114,10 +121,12 @@ class StereoRig:
     def is_rectified(self) -> bool:
         """Whether its images already are a rectified pair, to half a pixel."""
         left, right = self.left.matrix, self.right.matrix
+        yaw = (self.rotation[0, 2] - self.rotation[2, 0]) / 2 * left[0, 0]  # which depths, not rows, suffer from
         turned = math.sqrt(2) * math.sin(_ALIGNED / 2) * 2  # Frobenius norm of a rotation by that angle, minus 1
         return (
             not (self.left.distorted or self.right.distorted)
             and float(np.linalg.norm(self.rotation - np.eye(3))) < turned
+            and abs(yaw) < _TURNED
             and float(np.abs(self.translation[1:]).max()) <= _ALIGNED * self.baseline
             and abs(left[1, 2] - right[1, 2]) < 0.5
             and all(abs(focal - left[0, 0]) < 1e-3 * left[0, 0] for focal in (right[0, 0], left[1, 1], right[1, 1]))
@@ -247,7 +256,24 @@ def _maps(camera: Camera, rotation: Matrix, projection: Matrix, size: tuple[int,
     fisheye = camera.model == FISHEYE
     initialize = cv2.fisheye.initUndistortRectifyMap if fisheye else cv2.initUndistortRectifyMap
     x, y = initialize(camera.matrix, camera.distortion, rotation, projection[:, :3], size, cv2.CV_32FC1)
+    turning = math.inf if fisheye else _turning_point(camera.distortion)
+    if turning < math.inf:  # what lies beyond would show a second time what lies before
+        columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+        pixels = np.stack([columns, rows, np.ones_like(rows)], -1)
+        rays = pixels @ np.linalg.inv(projection[:, :3] @ rotation).T
+        beyond = (rays[..., 2] <= 0) | (np.hypot(rays[..., 0], rays[..., 1]) > turning * rays[..., 2])
+        x[beyond] = y[beyond] = -2
     return np.asarray(x, np.float32), np.asarray(y, np.float32)
+
+
+def _turning_point(distortion: Matrix) -> float:
+    """Distance from the optical axis, in focal lengths, from which on a pinhole camera's distortion leads back to it."""
+    k = np.zeros(8)
+    k[: min(8, distortion.size)] = distortion[:8]
+    r = np.linspace(0, 10, 20001)
+    distorted = r * (1 + k[0] * r**2 + k[1] * r**4 + k[4] * r**6) / (1 + k[5] * r**2 + k[6] * r**4 + k[7] * r**6)
+    turning = np.flatnonzero(np.diff(distorted) <= 0)
+    return float(r[turning[0]]) if turning.size else math.inf
 
 
 def _inside(maps: Maps, size: tuple[int, int]) -> npt.NDArray[np.bool_]:

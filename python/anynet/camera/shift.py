@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from anynet.camera.calibration import Calibration
 from anynet.camera.check import negative_disparities
-from anynet.camera.matches import Matches
+from anynet.camera.matches import FEWEST, Matches
 from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from anynet.frame import Image
 
 _MARGIN = 16  # columns more than the matched corners need: they are few
+_FEW, _FEW_OF = 3, 0.01  # corners that are more than chance
 _LARGEST = 100_000
 
 
@@ -110,10 +111,15 @@ def moved_back(estimate: Estimate, columns: int, left: Image) -> Estimate:
 def min_disparity(calibration: Calibration | None, matches: Matches) -> int:
     """The smallest disparity to look for: below 0 where matched corners have such, as far as doffs allows, else 0.
 
-    Points in front of the cameras have disparities above -doffs.
+    Points in front of the cameras have disparities above -doffs. Wrong matches seldom lie between that and 0, and walls
+    and skies have no corners: a few there are enough.
     """
     allowed = 0.0 if calibration is None else calibration.doffs
+    disparities = np.sort(matches.disparities)
     needed = negative_disparities(matches)
+    between = disparities[(disparities >= -allowed - 1) & (disparities < -1)]
+    if len(disparities) >= FEWEST and len(between) >= max(_FEW, _FEW_OF * len(disparities)):
+        needed = max(needed, -float(between[1]))
     if allowed <= 0 or needed <= 0:
         return 0
     return -math.ceil(min(allowed, needed + _MARGIN))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import Enum
@@ -127,9 +128,13 @@ class CameraOptions:
             from anynet.camera import read_calibration
 
             pair = None if self.calib_pair is None else self.calib_pair.value.replace("grey", "gray")
-            return read_calibration(
+            cameras = read_calibration(
                 self.calib, unit=self.calib_unit, size=size, pair=pair, image=image, replace=numbers
             )
+            of_rectified = [f"--{name}" for name in numbers if name != "baseline"]
+            if self.raw and of_rectified:
+                raise AnyNetError(f"--raw: {', '.join(of_rectified)} cannot replace values of rectified images")
+            return cameras
         if self.calib_unit is not None or self.calib_pair is not None:
             raise AnyNetError("--calib-unit and --calib-pair belong to --calib")
         if not numbers:
@@ -138,7 +143,10 @@ class CameraOptions:
         if missing:
             raise AnyNetError(f"the calibration lacks {' and '.join(missing)}")
         from anynet.camera import Calibration
+        from anynet.camera.plausibility import check_baseline
 
+        for warning in check_baseline(numbers["baseline"], "--baseline is in meters"):
+            warnings.warn(warning, stacklevel=2)
         return Calibration(**numbers, origin="options")
 
     def for_source(self, named: str, source: Source, input_scale: float | None) -> tuple[PairPreparation, list[str]]:

@@ -206,11 +206,13 @@ def _tell_results(text: str, values: object, out: Path | None, name: str) -> Non
 
 def _preparation(cameras: CameraOptions, samples: Dataset, input_scale: float | None) -> tuple[PairPreparation, str]:
     """What is done to the pairs, and what is said of their calibration."""
-    size = None
+    from anynet.data.files import PairFiles
+
+    size, image = None, None
     if cameras.calib and len(samples):
         height, width = samples[0].left.shape[:2]
-        size = width, height
-    calibration = cameras.read(size=size)
+        size, image = (width, height), samples.files[0].left if isinstance(samples, PairFiles) else None
+    calibration = cameras.read(image, size)
     origin = "" if calibration is None or not calibration.origin else f"\nCalibration: {calibration.origin}.\n"
     return cameras.preparation(calibration, input_scale), origin
 

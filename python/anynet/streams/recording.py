@@ -77,10 +77,11 @@ class Recording(Source):
             infos = self._camera_infos(reader)
         if len(infos) == 2:
             try:
-                calibration = calibration_of(infos[0], infos[1], str(path))
+                calibration, found_wrong = calibration_of(infos[0], infos[1], str(path))
             except AnyNetError as error:
                 self.warnings.append(str(error))
             else:
+                self.warnings += found_wrong
                 rig = None if any(map(_is_rectified, self.topics)) else calibration.rig
                 self.calibration = calibration if rig is None else rig.with_rectified(calibration)
 

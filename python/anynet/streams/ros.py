@@ -17,6 +17,7 @@ from anynet.camera import Calibration
 from anynet.camera.document import Document
 from anynet.camera.formats import ros as camera_info
 from anynet.camera.formats.found import Request
+from anynet.camera.plausibility import check_baseline
 from anynet.camera.tree import Tree
 from anynet.errors import AnyNetError
 from anynet.io.images import decode_levels
@@ -161,9 +162,9 @@ def _converted(pixels: npt.NDArray[Any], encoding: str, where: str) -> npt.NDArr
         raise AnyNetError(f"{where}: {width} x {height} pixels of {encoding} make no image") from error
 
 
-def calibration_of(left: Any, right: Any, where: str) -> Calibration:
+def calibration_of(left: Any, right: Any, where: str) -> tuple[Calibration, list[str]]:
     """From the sensor_msgs/CameraInfo of two cameras, with their rig if they say that the raw images are no rectified
-    pair.
+    pair; and what looks wrong.
 
     Raises:
         AnyNetError: if they are not calibrated.
@@ -174,7 +175,9 @@ def calibration_of(left: Any, right: Any, where: str) -> Calibration:
         if "baseline" not in found.values:
             raise AnyNetError("P[0, 3] = -focal * baseline of the right camera is 0: was each camera calibrated alone?")
         calibration = Calibration(**found.values)  # type: ignore[arg-type]
-        return replace(calibration, size=found.size, origin=found.origin, rig=found.rig)
+        calibration = replace(calibration, size=found.size, origin=found.origin, rig=found.rig)
+        warnings = [*found.warnings, *check_baseline(calibration.baseline, "camera_info is in meters")]
+        return calibration, [f"{where}: {warning}" for warning in warnings]
     except AnyNetError as error:
         raise AnyNetError(f"{where}: {error}") from error
 

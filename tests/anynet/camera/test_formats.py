@@ -14,6 +14,7 @@ import yaml
 
 from anynet.camera import Calibration, PairPreparation, StereoRig, read_calibration
 from anynet.camera.formats import FORMATS
+from anynet.cli.calibration import CameraOptions
 from anynet.errors import AnyNetError
 
 DOCS = Path(__file__).parents[3] / "docs" / "calibration.md"
@@ -413,6 +414,18 @@ def test_vins(tmp_path: Path, text: str, model: str) -> None:
         assert rig.translation == pytest.approx([-0.11, 0, 0])
     with pytest.raises(AnyNetError, match=r"of unrectified cameras .* body_T_cam0 and body_T_cam1"):
         read_calibration(cameras)
+    # Named, they are in the settings' order, whatever that of the options or of the folder.
+    cameras[1].write_text(text.format(name="cam1").replace("461.1", "500.1"))
+    config.write_text(
+        body.replace("cam0.yaml", "second").replace("cam1.yaml", "cam0.yaml").replace("second", "cam1.yaml")
+    )
+    for rig in (read_rig(*cameras, config), read_rig(config), read_rig(tmp_path)):
+        assert (rig.left.matrix[0, 0], rig.right.matrix[0, 0]) == (500.1, 461.1)
+    other = write(tmp_path, "other.yaml", text.format(name="other"))
+    with pytest.raises(
+        AnyNetError, match=r"expected the cameras cam1.yaml and cam0.yaml, got cam1.yaml and other.yaml"
+    ):
+        read_calibration([cameras[1], other, config])
 
 
 def test_zed(tmp_path: Path) -> None:
@@ -453,6 +466,8 @@ def test_depthai(tmp_path: Path) -> None:
     rig = read_rig(write(tmp_path, "oak.json", depthai()))
     assert (rig.size, rig.left.distortion.size) == ((1280, 800), 14)
     np.testing.assert_allclose(rig.translation, [-0.075, 0, 0], atol=1e-12)
+    first = read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData={"leftCameraSocket": 0})))
+    np.testing.assert_allclose(first.translation, [-0.0375, 0, 0], atol=1e-12)
     with pytest.raises(AnyNetError, match="lacks the camera on socket 7"):
         read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData={"leftCameraSocket": 7})))
 
@@ -467,12 +482,60 @@ def test_realsense(tmp_path: Path) -> None:
         assert read(write(tmp_path, "rs.json", json.dumps({**device, **more}))) == expected
     with pytest.raises(AnyNetError, match=r"lacks extrinsics \(translation\) or baseline: give --baseline"):
         read(write(tmp_path, "rs.json", json.dumps(device)))
+    others = {
+        "infra1_to_accel": {"translation": [-0.0055, 0.016, 0.0117]},
+        "depth_to_infra1": {"translation": [0, 0, 0]},
+    }
+    places = {**others, "infrared1_to_infrared2": extrinsics, "baseline_uncertainty": 0.001}
+    assert read(write(tmp_path, "rs.json", json.dumps({**device, "extrinsics": places}))) == expected
+    places = {"a": extrinsics, "b": {"translation": [-0.09, 0, 0]}}
+    with pytest.raises(AnyNetError, match=r"expected the place of the right infrared camera once, got .*a.* 0\.05"):
+        read(write(tmp_path, "rs.json", json.dumps({**device, "extrinsics": places})))
     device["infrared2"] = {**intrinsics, "width": 1280, "height": 720}
     with pytest.raises(AnyNetError, match=r"one width and height of both cameras, got \(848, 480\) and \(1280, 720\)"):
         read(write(tmp_path, "rs.json", json.dumps(device)))
     device["infrared2"] = {**intrinsics, "coeffs": [0.1, 0, 0, 0, 0]}
     with pytest.warns(UserWarning, match="the right camera has distortion"):
         read(write(tmp_path, "rs.json", json.dumps({**device, "baseline": 50.0})))
+
+
+def test_opencv_with_the_pose_of_each_camera(tmp_path: Path) -> None:
+    """R X + T of the world's X; what `stereoCalibrate` gives is the right one's seen from the left one."""
+    turns = [cv2.Rodrigues(np.array(turn))[0] for turn in ([0.1, 0.2, 0.3], [0.1, 0.21, 0.3])]
+    places = np.array([[-1.0, 0.1, 0.2], [-1.12, 0.1, 0.2]])
+
+    def file(*names: str, **more: object) -> Path:
+        cameras: dict[str, object] = {
+            name: {"K": K1, "dist": D, "R": turn.tolist(), "t": place.tolist()}
+            for name, turn, place in zip(names, turns, places, strict=True)
+        }
+        return write(tmp_path, "rig.json", json.dumps({**cameras, "image_size": [640, 480], **more}))
+
+    for names in (("left", "right"), ("cam0", "cam1"), ("cam1", "cam2")):
+        rig = read_rig(file(*names))
+        np.testing.assert_allclose(rig.rotation, turns[1] @ turns[0].T, atol=1e-9)
+        np.testing.assert_allclose(rig.translation, places[1] - rig.rotation @ places[0], atol=1e-9)
+    alone = {"left": {"K": K1, "dist": D, "R": np.eye(3).tolist(), "t": [-0.5, 0, 0]}, "right": {"K": K1, "dist": D}}
+    with pytest.raises(AnyNetError, match="expected t of both cameras, or once of the rig"):
+        read_rig(write(tmp_path, "alone.json", json.dumps(alone)))
+    alone = {"left": {"K": K1, "dist": D}, "right": {"K": K1, "dist": D, "R": np.eye(3).tolist(), "t": [-0.5, 0, 0]}}
+    assert read_rig(write(tmp_path, "alone.json", json.dumps(alone))).translation == pytest.approx([-0.5, 0, 0])
+
+
+@pytest.mark.parametrize(
+    "more", [{"model": "omnidir"}, {"xi1": 1.2, "xi2": 1.2}, {"distortion_model": "double_sphere"}]
+)
+def test_opencv_with_lenses_of_other_models(tmp_path: Path, more: dict[str, object]) -> None:
+    rig = {"K1": K1, "D1": D, "K2": K1, "D2": D, "R": np.eye(3).tolist(), "T": [-0.1, 0, 0], **more}
+    with pytest.raises(AnyNetError, match="expected cameras of the models pinhole"):
+        read_rig(write(tmp_path, "rig.json", json.dumps(rig)))
+
+
+def test_skewed_pixels_are_refused(tmp_path: Path) -> None:
+    skewed = [[500, 3, 320], [0, 500, 240], [0, 0, 1]]
+    rig = {"K1": skewed, "D1": D, "K2": skewed, "D2": D, "R": np.eye(3).tolist(), "T": [-0.1, 0, 0]}
+    with pytest.raises(AnyNetError, match="expected a camera matrix without skew, got 3"):
+        read_rig(write(tmp_path, "rig.json", json.dumps(rig)))
 
 
 def test_kitti_pairs(tmp_path: Path) -> None:
@@ -504,6 +567,13 @@ def test_kitti_raw_cameras(tmp_path: Path) -> None:
     assert (calibration.size, calibration.baseline) == ((1242, 375), pytest.approx(0.53))
     assert calibration.rig is not None
     assert (calibration.rig.size, calibration.rig.baseline) == ((1392, 512), pytest.approx(0.53))
+    wider = read(tmp_path / "calib_cam_to_cam.txt", replace={"baseline": 0.6})
+    assert wider.rig is not None
+    assert wider.baseline == 0.6
+    assert wider.rig.baseline == pytest.approx(0.6)
+    options = CameraOptions(calib=[tmp_path / "calib_cam_to_cam.txt"], raw=True, focal=700.0)
+    with pytest.raises(AnyNetError, match="--raw: --focal cannot replace values of rectified images"):
+        options.read()
 
 
 def kitti_raw(*numbers: int) -> str:

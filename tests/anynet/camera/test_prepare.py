@@ -88,6 +88,7 @@ def test_negative_disparities(motorcycle: tuple[np.ndarray, np.ndarray]) -> None
     pair = PairPreparation(calibration)(left, right)
     assert pair.warnings == ()
     assert -91 <= pair.min_disparity <= -53
+    assert PairPreparation(calibration, check=False)(left, right).min_disparity == pair.min_disparity
     assert isinstance(pair.predictor("a predictor"), ShiftedPredictor)  # type: ignore[arg-type]
     assert PairPreparation(calibration, min_disparity=-7)(left, right).min_disparity == -7
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -90,6 +91,25 @@ def test_what_is_rectified_already() -> None:
     assert not plain(translation=np.array([-0.1, 0.001, 0])).is_rectified
     assert not plain(right=Camera(K + np.array([[0, 0, 0], [0, 0, 2], [0, 0, 0]]), np.zeros(0))).is_rectified
     assert not plain(left=Camera(K, np.array([0.01, 0, 0, 0]))).is_rectified
+    turn = cv2.Rodrigues(np.array([0, 4.8e-4, 0]))[0]  # a quarter of a pixel of disparity here, more than one there
+    assert plain(rotation=turn).is_rectified
+    far = K * [[5, 1, 1], [1, 5, 1], [1, 1, 1]]
+    assert not plain(rotation=turn, left=Camera(far, np.zeros(0)), right=Camera(far, np.zeros(0))).is_rectified
+
+
+def test_nothing_is_seen_twice() -> None:
+    """Where radial distortion turns back, rays beyond would find pixels that nearer ones have shown."""
+    camera = Camera(np.array([[300.0, 0, 320], [0, 300, 240], [0, 0, 1]]), np.array([-0.35, 0.15, 0, 0, -0.03]))
+    rectification = plain(left=camera, right=camera).rectify(1)
+    calibration, (x, y) = rectification.calibration, rectification.maps[0]
+    v, u = np.mgrid[: x.shape[0], : x.shape[1]]
+    r = np.hypot(u - calibration.cx, v - calibration.cy) / calibration.focal
+    distorted = np.hypot(x - 320, y - 240) / 300
+    order = np.argsort(r[rectification.valid])
+    assert np.diff(distorted[rectification.valid][order]).min() > -1e-3
+    assert 0.7 < rectification.valid.mean() < 0.8
+    image = np.full((480, 640, 3), 255, np.uint8)
+    assert not rectification(image, image)[0][~rectification.valid & (r > 2)].any()
 
 
 def test_exchanged_twice_is_the_same() -> None:

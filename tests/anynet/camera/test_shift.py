@@ -72,3 +72,13 @@ def test_from_matches_and_doffs() -> None:
     assert min_disparity(Calibration(995, 0.19, 271, 255), cut) == 0
     assert min_disparity(None, cut) == 0
     assert min_disparity(calibration, match_corners(left, right)) == 0
+
+
+def test_a_few_corners_of_the_background_are_enough() -> None:
+    """Two fifths of this pair's disparities lie below 0, and 3 of 100 of its corners."""
+    left, right, truth = stereo_motorcycle()
+    window, moved = (slice(60, 360), slice(250, 610)), (slice(60, 360), slice(215, 575))
+    least = float(truth[window].min()) - 35
+    assert (truth[window] < 35).mean() > 0.35
+    found = min_disparity(Calibration(995, 0.19, doffs=90), match_corners(left[window], right[moved]))
+    assert -90 < found <= least

@@ -55,6 +55,15 @@ def test_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert good < off - 20
     assert "Calibration: camera matrix and baseline." in (tmp_path / "out" / "results.md").read_text()
     data = ["--method", "bm", "--data", f"csv:{tmp_path / 'pairs.csv'}"]
+    lines = [f"P{camera}: 700 0 370 {-70 * camera} 0 700 250 0 0 0 1 0\n" for camera in range(4)]
+    (tmp_path / "calib.txt").write_text("".join(lines))
+    for folder, cameras in (("image_0", "gray pair"), ("image_2", "color pair")):  # which the images' folder says
+        (tmp_path / folder).mkdir()
+        write_image(tmp_path / folder / "left.png", left)
+        (tmp_path / "kitti.csv").write_text(f"left,right,disparity\n{folder}/left.png,right.png,truth.npy\n")
+        known = ["--method", "bm", "--data", f"csv:{tmp_path / 'kitti.csv'}", "--calib", str(tmp_path / "calib.txt")]
+        assert main(["evaluate", *known]) == 0
+        assert cameras in capsys.readouterr().out
     assert main(["evaluate", *data, "--raw"]) == 2
     assert "expected a calibration of raw cameras to rectify with (--raw), got none" in capsys.readouterr().err
 

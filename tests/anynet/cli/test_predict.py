@@ -123,6 +123,8 @@ def test_calibration_in_numbers_and_replaced(run: Run, pair: tuple[Path, Path], 
     arguments = ("predict", *pair, "--out", tmp_path / "out", "--weights", weights, "--json")
     given = json.loads(run(*arguments, "--focal", 500, "--baseline", 0.1, "--doffs", 3).out)["calibration"]
     assert given == {"focal": 500, "baseline": 0.1, "cx": None, "cy": None, "doffs": 3, "size": None}
+    report = json.loads(run(*arguments, "--focal", 500, "--baseline", 193).out)
+    assert report["warnings"] == ["a baseline of 193 m is long: --baseline is in meters"]
     given = json.loads(run(*arguments, "--calib", calib, "--baseline", 0.1).out)["calibration"]
     assert given == {"focal": 100, "baseline": 0.1, "cx": 30, "cy": 20, "doffs": 30, "size": None}
 

@@ -510,6 +510,18 @@ def test_rig_of_raw_images(tmp_path: Path, name: str) -> None:
     assert np.degrees(np.arccos((np.trace(rig.rotation) - 1) / 2)) == pytest.approx(np.degrees(0.02))
 
 
+def test_cameras_that_are_hardly_calibrated(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        for index, side in enumerate(("left", "right")):
+            projection = np.array([[80.0, 0, 10, -8000.0 * index], [0, 80, 5 + 6 * index, 0], [0, 0, 1, 0]])
+            bag.camera_info(f"/{side}/camera_info", (20, 12), projection[:, :3], [], np.eye(3), projection)
+            bag.image(f"/{side}/image_rect", images(0)[index], START)
+    with Recording(tmp_path / "a.mcap") as source:
+        rows, long = source.warnings
+    assert "a.mcap: the two cameras' rows do not agree: cy is 5 and 11" in rows
+    assert "a.mcap: a baseline of 100 m is long: camera_info is in meters" in long
+
+
 def test_cameras_that_are_not_calibrated(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "a.mcap") as bag:
         for index, side in enumerate(("left", "right")):

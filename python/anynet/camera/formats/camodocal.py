@@ -6,6 +6,7 @@ Source: https://github.com/hengli/camodocal; https://github.com/HKUST-Aerial-Rob
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -30,10 +31,15 @@ def recognizes(documents: Sequence[Document]) -> bool:
 def read(documents: Sequence[Document], request: Request) -> Found:
     cameras = [document for document in documents if "model_type" in document.fields]
     rigs = [document for document in documents if "model_type" not in document.fields]
-    if rigs and not cameras:
-        names = [text(rigs[0].fields.get(f"cam{number}_calib")) for number in (0, 1)]
-        if all(names):
+    names = [text(rigs[0].fields.get(f"cam{number}_calib")) for number in (0, 1)] if rigs else []
+    if all(names) and rigs:
+        if not cameras:
             cameras = [open_document(rigs[0].path.parent / name) for name in names]
+        else:  # in the order of the settings, not of the options
+            cameras.sort(key=lambda document: document.path.name != Path(names[0]).name)
+            given = [document.path.name for document in cameras]
+            if given != [Path(name).name for name in names]:
+                raise AnyNetError(f"expected the cameras {' and '.join(names)}, got {' and '.join(given)}")
     if len(cameras) != 2 or len(rigs) != 1:
         raise AnyNetError(
             "of unrectified cameras (model_type): expected the files of both cameras and the one with "

@@ -28,10 +28,8 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     cameras = _cameras(fields["cameraData"])
     stereo = fields.get("stereoRectificationData")
     stereo = stereo if isinstance(stereo, dict) else {}
-    sockets = [
-        int(number(stereo.get(name, "")) or default)
-        for name, default in (("leftCameraSocket", _LEFT), ("rightCameraSocket", _RIGHT))
-    ]
+    told = (number(stereo.get(name, "")) for name in ("leftCameraSocket", "rightCameraSocket"))
+    sockets = [usual if socket is None else int(socket) for socket, usual in zip(told, (_LEFT, _RIGHT), strict=True)]
     for socket in sockets:
         if socket not in cameras:
             raise AnyNetError(f"the calibration lacks the camera on socket {socket} (cameraData)")

@@ -66,6 +66,19 @@ class Names:
             raise AnyNetError(f"the calibration lacks {half[0]} beside {half[1]}")
         return None
 
+    def of_each(self, bases: Sequence[str]) -> tuple[Named | None, Named | None]:
+        """The field inside the left and inside the right camera's map; of one map alone if it is the left one's."""
+        only: tuple[Named | None, None] = None, None
+        for base in bases:
+            for sides in _SIDES:
+                fields = [self._nodes.get(plain(side + base)) for side in sides]
+                left, right = (f if f is not None and plain(f[0]) == plain(base) else None for f in fields)
+                if left is not None and right is not None:
+                    return left, right
+                if left is not None and sides[0] != "cam1":  # which may be the right one beside cam0
+                    only = left, None
+        return only
+
     def size(self) -> tuple[int, int] | None:
         """Width and height of the images, if told."""
         for names, order in ((_SIZES, 1), (_SHAPES, -1)):

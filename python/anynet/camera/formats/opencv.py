@@ -22,6 +22,7 @@ from anynet.camera.formats.found import (
     from_rig,
     from_values,
 )
+from anynet.camera.formats.models import model_of
 from anynet.camera.formats.names import Named, Names, matrix, plain
 from anynet.camera.rig import FISHEYE, PINHOLE, Camera, StereoRig
 from anynet.camera.tree import Tree, numbers, shortened
@@ -37,6 +38,8 @@ _D = ("D", "distCoeffs", "distCoeff", "distCoefs", "distCoef", "dist", "distorti
 _R = ("R", "rotation", "rotationMatrix", "rot", "stereoR", "matR", "R_stereo", "R12", "R_lr", "extrinsicRotation")
 _T = ("T", "translation", "translationVector", "translationMatrix", "trans", "stereoT", "matT", "T_stereo", "T12",
       "T_lr", "tvec", "extrinsicTranslation")  # fmt: skip
+
+_OTHER_MODELS = ("omni", "mei", "doublesphere", "unified", "eucm", "fov", "ucm", "scaramuzza", "division", "spherical")
 
 _OF_A_CAMERA = {plain(name) for name in _P + _K + _D}
 _OF_THE_RIG = {plain(name) for name in _Q + _R + _T}
@@ -135,7 +138,7 @@ def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], mete
     """Enters the raw cameras, or the rectified ones if they have no distortion and no rotation."""
     distortions = names.pair(_D) or (names.one(_D),) * 2
     told = names.text("model", "cameraModel", "distortionModel", "cameraType", "lens", "projection")
-    model = FISHEYE if _is_fisheye(names, told) else PINHOLE
+    model = _model(names, told)
     left, right = (
         Camera(_intrinsics(named), np.zeros(0) if other is None else _distortion(other), model)
         for named, other in zip(cameras, distortions, strict=True)
@@ -146,18 +149,17 @@ def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], mete
             "4 distortion coefficients are taken as k1, k2, p1, p2 of a pinhole camera; if they are of cv2.fisheye, "
             "add `model: fisheye` to the file"
         )
-    rotation, translation = names.one(_R), names.one(_T)
+    rotation, translation = _motion(names)
     if found.values:  # told already; the raw cameras are beside them
         if rotation is not None and translation is not None:
-            translated = _vector(translation) * meters
-            rig = StereoRig(left, right, _rotation(rotation), translated, found.size, "OpenCV, raw cameras")
+            rig = StereoRig(left, right, rotation, translation * meters, found.size, "OpenCV, raw cameras")
             found.rig = None if rig.is_rectified else rig
             found.raw = names.text("images") == "raw"  # ours
         return
     found.origin = "OpenCV, " + " and ".join(dict.fromkeys(name for name, _ in cameras))
     raw = left.distorted or right.distorted
     if raw and (rotation is None or translation is None):
-        lacking = [name for name, named in (("R", rotation), ("T", translation)) if named is None]
+        lacking = [name for name, known in (("R", rotation), ("T", translation)) if known is None]
         raise AnyNetError(
             f"of unrectified cameras (distortion is not 0): the calibration lacks {' and '.join(lacking)}; "
             "give the file that has them as another --calib, or a rectified pair's --focal and --baseline alone"
@@ -166,17 +168,46 @@ def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], mete
         from_values(found, camera_values(left.matrix, "camera 1"), camera_values(right.matrix, "camera 2"))
         found.lacking["baseline"] = "T"
         return
-    turn = np.eye(3) if rotation is None else _rotation(rotation)
-    place = _vector(translation) * meters
-    if not place.any():
-        raise AnyNetError(f"expected {translation[0]} to be the place of the other camera, got 0 0 0")
-    from_rig(found, StereoRig(left, right, turn, place, found.size, found.origin))
+    turn = np.eye(3) if rotation is None else rotation
+    if not translation.any():
+        raise AnyNetError("expected T to be the place of the other camera, got 0 0 0")
+    from_rig(found, StereoRig(left, right, turn, translation * meters, found.size, found.origin))
 
 
-def _is_fisheye(names: Names, told: str) -> bool:
-    return names.text("fisheye", "isFisheye") in ("1", "true", "yes") or any(
+def _motion(names: Names) -> tuple[Matrix | None, Matrix | None]:
+    """R [3, 3] and T [3] of `stereoCalibrate`; told once, or as each camera's own, to which the world's X is R X + T.
+
+    Raises:
+        AnyNetError: if only the left camera's place is told.
+    """
+    turns, places = names.of_each(_R), names.of_each(_T)
+    if places[0] is None:
+        rotation, translation = names.one(_R), names.one(_T)
+        if rotation is not None and turns[0] is not None and rotation[1] is turns[0][1]:
+            rotation = None  # how the left image is rectified
+        return None if rotation is None else _rotation(rotation), None if translation is None else _vector(translation)
+    if places[1] is None:
+        raise AnyNetError(f"expected {places[0][0]} of both cameras, or once of the rig, got the left camera's")
+    left, right = (np.eye(3) if named is None else _rotation(named) for named in turns)
+    turn = right @ left.T
+    return turn, _vector(places[1]) - turn @ _vector(places[0])
+
+
+def _model(names: Names, told: str) -> str:
+    """The model of both lenses.
+
+    Raises:
+        AnyNetError: if it is named, or has parameters, of neither kind.
+    """
+    if names.text("fisheye", "isFisheye") in ("1", "true", "yes") or any(
         word in told for word in ("fisheye", "equidistant", "kannala")
-    )
+    ):
+        return FISHEYE
+    others = [word for word in _OTHER_MODELS if word in plain(told)]
+    others += [name for name in ("xi", "xi1", "xi2") if names.one([name]) is not None]
+    if others:
+        model_of(told or f"a lens with {others[0]}")  # raises
+    return PINHOLE
 
 
 def _intrinsics(named: Named) -> Matrix:

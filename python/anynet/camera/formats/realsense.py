@@ -6,6 +6,7 @@ Source: https://github.com/IntelRealSense/librealsense (rs2_intrinsics, rs2_extr
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,6 +19,8 @@ from anynet.errors import AnyNetError
 
 _INTRINSICS = ("fx", "fy", "ppx", "ppy")
 _OTHER = ("color", "rgb", "fisheye")  # cameras that are not of the pair
+_NO_CAMERAS = ("accel", "gyro", "imu", "motion", "pose")  # whose places are told, too
+_BASELINE = re.compile(r"((stereo|ir|infrared)_?)?baseline(_?(m|mm|meters|millimeters))?")  # no baseline_uncertainty
 _RIGHT = ("right", "infra2", "infrared2", "infrared_2", "ir2", "infra_2")
 
 
@@ -47,7 +50,7 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     if baseline is None:
         found.lacking["baseline"] = "extrinsics (translation) or baseline"
     else:
-        found.values["baseline"] = baseline * (request.meters or (1e-3 if baseline > 1 else 1.0))
+        found.values["baseline"] = baseline * (request.meters or _usual(baseline))
     return found
 
 
@@ -73,11 +76,27 @@ def _cameras(tree: Tree) -> list[tuple[str, dict[str, Tree]]]:
 
 
 def _baseline(tree: Tree) -> float | None:
-    """In meters or, as RealSense's stereo baseline option has it, millimeters: none of its cameras is 1 m wide."""
-    nodes = [(".".join(path).lower(), path[-1].lower(), node) for path, node in walk(tree)]
-    for path, name, node in nodes:
-        if "baseline" in name and not isinstance(node, dict):
-            return abs(float(numbers(node, name, 1)[0]))
-        if name == "translation" and not any(word in path for word in _OTHER):
-            return float(np.linalg.norm(numbers(node, name, 3)))
-    return None
+    """In meters or, as RealSense's stereo baseline option has it, millimeters.
+
+    Raises:
+        AnyNetError: if the file names several.
+    """
+    found = {}
+    for path, node in walk(tree):
+        where, name = ".".join(path).lower(), path[-1].lower()
+        if _BASELINE.fullmatch(name) and not isinstance(node, dict):
+            found[where] = abs(float(numbers(node, name, 1)[0]))
+        elif name == "translation" and not any(word in where for word in _OTHER + _NO_CAMERAS):
+            found[where] = float(np.linalg.norm(numbers(node, name, 3)))
+    lengths = {where: value for where, value in found.items() if value}  # depth lies in the left camera
+    lengths = {where: value for where, value in lengths.items() if any(word in where for word in _RIGHT)} or lengths
+    meters = [value * _usual(value) for value in lengths.values()]
+    if meters and max(meters) - min(meters) > 0.01 * max(meters):
+        told = ", ".join(f"{where} {value:g}" for where, value in lengths.items())
+        raise AnyNetError(f"expected the place of the right infrared camera once, got {told}")
+    return next(iter((lengths or found).values()), None)
+
+
+def _usual(baseline: float) -> float:
+    """Meters per unit, where nobody says it: none of its cameras is 1 m wide."""
+    return 1e-3 if baseline > 1 else 1.0
