@@ -267,7 +267,7 @@ def _maps(camera: Camera, rotation: Matrix, projection: Matrix, size: tuple[int,
 
 
 def _turning_point(distortion: Matrix) -> float:
-    """Distance from the optical axis, in focal lengths, from which on a pinhole camera's distortion leads back to it."""
+    """Distance from the axis, in focal lengths, beyond which a pinhole camera's distortion leads back to it."""
     k = np.zeros(8)
     k[: min(8, distortion.size)] = distortion[:8]
     r = np.linspace(0, 10, 20001)
