@@ -63,7 +63,7 @@ class Source(ABC):
 
     @abstractmethod
     def frames(self) -> Iterator[Frame]:
-        """The frames; all of it on one thread.
+        """The frames, recorded ones from the first on each time; all of it on one thread.
 
         Raises:
             AnyNetError: if the source cannot be read any more, or gives what is no pair of images of one size.

@@ -6,6 +6,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -14,6 +15,7 @@ import pytest
 
 from anynet import AnyNetError
 from anynet.camera import Calibration, PairPreparation
+from anynet.streams import Capture
 from anynet.synthetic import render
 
 pytest.importorskip("viser", reason="the page needs viser (extra view)")
@@ -128,6 +130,22 @@ def test_in_a_browser(view: View, tmp_path: Path) -> None:
         assert not errors
     finally:
         driver.quit()
+
+
+def test_videos_begin_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And what is wrong with them is told once."""
+    writer = cv2.VideoWriter(str(tmp_path / "both.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (128, 48))
+    for level in range(3):
+        writer.write(np.full((48, 128, 3), 50 * level, np.uint8))
+    writer.release()
+    source = Capture([str(tmp_path / "both.avi")], live=False)
+    view = View(source, prepare=PairPreparation(Calibration(100, 0.1, cx=900.0)), port=18095)
+    try:
+        names = [frame.name for frame, _ in islice(view._frames(), 7)]
+    finally:
+        view.page.close()
+    assert names == ["000000", "000001", "000002"] * 2 + ["000000"]
+    assert capsys.readouterr().err.count("principal point") == 1
 
 
 def test_a_source_without_frames() -> None:
