@@ -61,6 +61,11 @@ class Source(ABC):
         """Width and height of one image, if that can be told before the first frame."""
         return None
 
+    @property
+    def unpaired(self) -> tuple[int, int]:
+        """How many left and right images of those read so far found no partner."""
+        return 0, 0
+
     @abstractmethod
     def frames(self) -> Iterator[Frame]:
         """The frames, recorded ones from the first on each time; all of it on one thread.

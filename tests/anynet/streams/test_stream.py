@@ -123,6 +123,7 @@ def test_an_empty_source(stub: Stub) -> None:
     assert summary == {
         "frames": 0,
         "dropped": 0,
+        "unpaired": {"left": 0, "right": 0},
         "fps": 0.0,
         "latency_ms": {"p50": None, "p95": None, "max": None},
         "stages": {},
