@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+import socket
 import threading
 import time
+import urllib.request
 from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
@@ -19,7 +22,7 @@ from anynet.streams import Capture
 from anynet.synthetic import render
 
 pytest.importorskip("viser", reason="the page needs viser (extra view)")
-from anynet.view import StillPair, View
+from anynet.view import Page, StillPair, View
 
 
 @pytest.fixture
@@ -156,6 +159,20 @@ def test_a_source_without_frames() -> None:
     image = np.zeros((8, 8, 3), np.uint8)
     with pytest.raises(AnyNetError, match="the source has no frames"):
         View(Empty("", image, image), port=18090).run()
+
+
+def test_a_host_of_ip_version_6() -> None:
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        pytest.skip("this machine has no IPv6")
+    page = Page("::1", 18100, ["default"])
+    try:
+        assert re.fullmatch(r"http://\[::1\]:\d+", page.url)
+        with urllib.request.urlopen(page.url, timeout=60) as answer:
+            assert answer.status == 200
+    finally:
+        page.close()
 
 
 @pytest.mark.parametrize("host", ["no such host", "a" * 300, "256.1.1.1"])
