@@ -94,7 +94,7 @@ class Stream:
         trust: what becomes unknown for want of it; makes the confidence be computed.
         rate: frames per second at which a recording is played, in place of its own pace.
         every_frame: a recording waits until each frame has been dealt with: slower or faster, but nothing is dropped.
-        watch: look at a frame now and then, whether the cameras have moved.
+        watch: look at a frame now and then, whether the cameras have moved, or disparities are too small to be found.
 
     Raises:
         AnyNetError: if an option is not that.
@@ -216,8 +216,9 @@ class Stream:
             self._warnings.extend(pair.warnings)
             if any("unrectified" in warning for warning in pair.warnings):
                 self._watch = None  # it is told
-        elif self._watch is not None and (finding := self._watch(pair.left, pair.right)):
-            self._warnings.append(finding)
+        elif self._watch is not None:
+            finding = self._watch(pair.left, pair.right, pair.calibration, pair.min_disparity)
+            self._warnings.extend([finding] if finding else [])
         return pair
 
     def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
