@@ -10,8 +10,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from anynet.camera.check import ROWS
+from anynet.camera.calibration import Calibration
+from anynet.camera.check import ROWS, negative_disparities
 from anynet.camera.matches import FEWEST, Matches, match_corners
+from anynet.camera.shift import min_disparity
 
 Image = npt.NDArray[np.uint8]
 
@@ -66,7 +68,8 @@ def fit_rows(matches: Matches) -> RowShift | None:
 
 
 class RowWatch:
-    """Looks at one frame in many, and tells when a running rig's rows have drifted.
+    """Looks at one frame in many, and tells when a running rig's rows have drifted, or its disparities are below all
+    that are looked for: what its first frame showed may not be what comes.
 
     Args:
         every: frames from one look to the next; a look takes some 10 ms at 640 x 480.
@@ -79,13 +82,18 @@ class RowWatch:
         self.threshold = threshold
         self._rows: deque[float] = deque(maxlen=looks)
         self._frames = 0
-        self._told = False
+        self._told = self._told_below = False
 
-    def __call__(self, left: Image, right: Image) -> str | None:
-        """A sentence when the rows have drifted, once until they are good again; else None.
+    def __call__(
+        self, left: Image, right: Image, calibration: Calibration | None = None, smallest: int = 0
+    ) -> str | None:
+        """A sentence when the rows have drifted, once until they are good again, or when disparities lie below the
+        smallest, as far as doffs allows, once; else None.
 
         Args:
             left, right: the rectified pair, uint8 [H, W, 3] RGB.
+            calibration: of these images, if known.
+            smallest: the smallest disparity that is looked for, pixels.
         """
         self._frames += 1
         if (self._frames - 1) % self.every:
@@ -98,8 +106,18 @@ class RowWatch:
         apart = float(np.median(self._rows))
         if apart <= self.threshold:
             self._told = False
-            return None
+            return self._below(matches, calibration, smallest)
         if self._told:
             return None
         self._told = True
         return f"matched corners lie {apart:.1f} rows apart (median): the cameras have moved; calibrate, or --fix-rows"
+
+    def _below(self, matches: Matches, calibration: Calibration | None, smallest: int) -> str | None:
+        reached, needed = -negative_disparities(matches), min_disparity(calibration, matches)
+        if self._told_below or max(reached, needed) >= smallest:
+            return None
+        self._told_below = True
+        return (
+            f"matched corners have disparities down to {reached:.0f} pixels, which are looked for from {smallest} on: "
+            f"use --min-disparity {needed}"
+        )

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import typer
 
 from anynet.errors import AnyNetError
+from anynet.io.files import reason
 
 if TYPE_CHECKING:
     from anynet import Estimate
@@ -93,6 +94,7 @@ class Results:
         """A disparity map, NaN where unknown, and its image in colors from `limits`.
 
         A PNG holds disparities above 0 and below 256: where others are known, a PFM is written instead, with a warning.
+        Where an earlier run wrote another format, its file is removed: the other files are of this run.
         """
         from anynet.io import write_disparity, write_image
         from anynet.visualize import disparity_image
@@ -105,8 +107,13 @@ class Results:
                 stacklevel=2,
             )
             chosen = Format.pfm
-        write_disparity(self._path(f"{prefix}disparity", chosen.value), disparity)
-        write_image(self._path(f"{prefix}color", "png"), disparity_image(disparity, limits))
+        path, color = self._path(f"{prefix}disparity", chosen.value), self._path(f"{prefix}color", "png")
+        superseding = color.exists() and not path.exists()  # without a color it is no result, but the user's file
+        write_disparity(path, disparity)
+        write_image(color, disparity_image(disparity, limits))
+        if superseding:
+            for other in set(Format) - {chosen}:
+                self._remove(path.with_suffix(f".{other.value}"))
 
     def write_depth(self, disparity: Map, calibration: Calibration, left: Image) -> None:
         """Depth maps and the point cloud."""
@@ -148,6 +155,14 @@ class Results:
             raise AnyNetError(f"{path}: is one of the images to read; choose another folder for the results")
         self.files[kind] = str(path)
         return path
+
+    def _remove(self, path: Path) -> None:
+        """Removes what an earlier run wrote, if it is there and no image to read."""
+        if path.is_file() and not file_ids([path]) & self.writer.inputs:
+            try:
+                path.unlink()
+            except OSError as error:
+                raise AnyNetError(f"cannot remove {path}: {reason(error)}") from error
 
 
 def _fits_png(disparity: Map) -> bool:

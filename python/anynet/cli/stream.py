@@ -171,6 +171,7 @@ def _run(
             print(json_text(report) if as_json else _line(report), flush=True)
             if count == frames:
                 running.stop()
+        tell_warnings(dict.fromkeys(heard))  # of what came after the last result
 
 
 def _process(result: Result, writer: Writer | None, sinks: list[Sink]) -> dict[str, Any]:

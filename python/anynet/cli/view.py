@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
-from anynet.cli.network import Device, Precision, Threads
+from anynet.cli.network import Device, InputScale, Precision, Threads
 from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source
 from anynet.cli.stopping import stopping
 
@@ -32,9 +32,7 @@ def view(
     slop: Slop = None,
     reconnect: Reconnect = None,
     weights: Annotated[str, typer.Option(help="Chosen at first: a packaged name, or a path.")] = "default",
-    input_scale: Annotated[
-        float | None, typer.Option(help="Chosen at first: images are resized by it.", show_default="the weights'")
-    ] = None,
+    input_scale: InputScale = None,
     cameras: CameraOptions = UNKNOWN,
     out: Annotated[Path, typer.Option(help="Folder of what the page's button saves.")] = Path("anynet-view"),
     host: Host = "127.0.0.1",
@@ -68,11 +66,11 @@ def show(
     rate: float | None = None,
 ) -> None:
     """Serves the page until Ctrl-C or SIGTERM."""
-    from anynet.checkpoint import PACKAGED, find_weights
+    from anynet.checkpoint import PACKAGED, load_checkpoint
     from anynet.device import find_device, find_precision
     from anynet.view import View
 
-    find_weights(weights)  # a wrong name is told before the page is up
+    load_checkpoint(weights, input_scale)  # what is wrong with them is told before the page is up
     find_precision(precision, find_device(device))
     names = [file.stem for file in sorted(PACKAGED.glob("*.safetensors"))]
     view = View(

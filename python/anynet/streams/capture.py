@@ -104,6 +104,8 @@ class Capture(Source):
         return (width // (3 - len(self._devices)), height) if width > 1 and height > 0 else None
 
     def frames(self) -> Iterator[Frame]:
+        if not (self.live or self._closed.is_set() or all(device.isOpened() for device in self._devices)):
+            self._devices = self._open_all()  # a video that was read begins again
         try:
             yield from self._frames()
         finally:

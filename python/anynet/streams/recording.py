@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from anynet.errors import AnyNetError, one_line
 from anynet.io.files import check_regular
@@ -31,17 +32,58 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
-_WAITING = 8  # images of one camera that wait for their partner
+_WAIT = 5 * 10**9  # nanoseconds of the recording that an image waits for its partner: drivers may be late
+_WAITING, _WAITING_BYTES = 1000, 2**29  # images of one camera that wait, at most
 # What the names of one rig's topics differ in.
 _SIDES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"), ("camera0", "camera1"), ("camera_0", "camera_1"),
           ("image_0", "image_1"), ("cam_0", "cam_1"), ("l", "r"))  # fmt: skip
 
 
+class _Image(NamedTuple):
+    stamp: int
+    recorded: int
+    size: int
+    message: Any
+
+
+class _Waiting(deque[_Image]):
+    """One camera's images that wait for their partners, as they were recorded.
+
+    Attributes:
+        lost: how many found none.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lost = 0
+
+    def forget(self, now: float = math.inf) -> None:
+        """Drops those recorded long before `now`, nanoseconds, and the oldest of too many."""
+        while self and (
+            now - self[0].recorded > _WAIT
+            or len(self) > _WAITING
+            or (len(self) > 1 and sum(image.size for image in self) > _WAITING_BYTES)
+        ):
+            self.popleft()
+            self.lost += 1
+
+    def nearest(self, stamp: int) -> tuple[float, int]:
+        """How far the nearest stamp is from that one, nanoseconds, and its place; infinity if there is none."""
+        return min(((abs(image.stamp - stamp), place) for place, image in enumerate(self)), default=(math.inf, 0))
+
+    def take(self, place: int) -> Any:
+        """The message at that place; what is older has no partner any more."""
+        self.lost += place
+        for _ in range(place):
+            self.popleft()
+        return self.popleft().message
+
+
 class Recording(Source):
     """The images of two topics, or of one with both side by side.
 
-    Left and right belong together if their stamps differ by `slop` at most. The stamp and frame id of a frame are its
-    left image's; a stamp of 0 is replaced by the time of recording.
+    Left and right belong together if their stamps differ by `slop` at most and they were recorded within 5 s. The stamp
+    and frame id of a frame are its left image's; a stamp of 0 is replaced by the time of recording.
 
     Args:
         path: a `.bag`, `.mcap` or `.db3` file, or the folder of a ROS 2 bag.
@@ -64,6 +106,7 @@ class Recording(Source):
         if not 0 <= slop < math.inf:
             raise AnyNetError(f"expected slop of 0 seconds or more, got {slop:g}")
         self._slop = round(1e9 * slop)
+        self._sides = _Waiting(), _Waiting()
         self._closed = False
         with self._opened() as reader:
             found = {connection.topic: connection.msgtype for connection in reader.connections}
@@ -93,6 +136,10 @@ class Recording(Source):
             levels = levels_of(deserialized(self._ros, raw, wanted[0].msgtype), f"{self._path}: {self.topics[0]}")
         return levels.shape[1] // (3 - len(self.topics)), levels.shape[0]
 
+    @property
+    def unpaired(self) -> tuple[int, int]:
+        return self._sides[0].lost, self._sides[1].lost
+
     def frames(self) -> Iterator[Frame]:
         with self._opened() as reader:
             wanted = [connection for connection in reader.connections if connection.topic in self.topics]
@@ -114,31 +161,37 @@ class Recording(Source):
 
     def _pairs(self, reader: Reader1 | Reader2, connections: Sequence[Any]) -> Iterator[tuple[list[Any], int]]:
         """The messages that belong together, and when the later one was recorded."""
-        waiting: dict[str, deque[tuple[int, Any]]] = {topic: deque(maxlen=_WAITING) for topic in self.topics}
-        found, closest = 0, None
+        self._sides = sides = _Waiting(), _Waiting()
+        closest = math.inf
         for connection, recorded, raw in reader.messages(connections=connections):
             message = deserialized(self._ros, raw, connection.msgtype)
             if len(self.topics) == 1:
                 yield [message], recorded
                 continue
+            side = self.topics.index(connection.topic)
+            own, others = sides[side], sides[1 - side]
             stamp = stamp_of(message) or recorded
-            waiting[connection.topic].append((stamp, message))
-            others = waiting[self.topics[connection.topic == self.topics[0]]]
-            if not others:
-                continue
-            apart, partner = min((abs(other - stamp), i) for i, (other, _) in enumerate(others))
-            closest = apart if closest is None else min(closest, apart)
-            if apart > self._slop:
-                continue
-            pair = {connection.topic: message, self.topics[connection.topic == self.topics[0]]: others[partner][1]}
-            for _ in range(partner + 1):  # what is older than a pair has none any more
-                others.popleft()
-            waiting[connection.topic].clear()
-            found += 1
-            yield [pair[topic] for topic in self.topics], recorded
-        if len(self.topics) == 2 and not found:
-            nearest = "" if closest is None else f"; the closest two are {closest / 1e6:.1f} ms apart"
-            raise AnyNetError(f"{self._path}: no left and right image within {self._slop / 1e6:g} ms{nearest} (--slop)")
+            own.append(_Image(stamp, recorded, len(raw), message))
+            for waiting in sides:
+                waiting.forget(recorded)
+            apart, partner = others.nearest(stamp)
+            closest = min(closest, apart)
+            if apart <= self._slop:
+                pair = [own.take(len(own) - 1), others.take(partner)]
+                yield pair if side == 0 else pair[::-1], recorded
+        if len(self.topics) == 1:
+            return
+        within = f"within {self._slop / 1e6:g} ms"
+        if closest > self._slop:
+            nearest = "" if closest == math.inf else f"; the closest two are {closest / 1e6:.1f} ms apart"
+            raise AnyNetError(f"{self._path}: no left and right image {within}{nearest} (--slop)")
+        for waiting in sides:
+            waiting.forget()
+        if any(self.unpaired):
+            left, right = self.unpaired
+            warnings.warn(
+                f"{self._path}: {left} left and {right} right images had no partner {within} (--slop)", stacklevel=2
+            )
 
     @contextmanager
     def _opened(self) -> Iterator[Reader1 | Reader2]:
@@ -177,8 +230,8 @@ class Recording(Source):
             missing = [topic for topic in named if topic not in images]
             if missing:
                 raise AnyNetError(f"{self._path}: no images on {missing[0]}; there are some on {_listed(images)}")
-            if len(named) != wanted:
-                raise AnyNetError(f"expected {wanted} topics, got {len(named)}: {_listed(named)}")
+            if len(set(named)) != wanted:
+                raise AnyNetError(f"expected {wanted} topics, got {len(set(named))}: {_listed(named)}")
             return named
         if not images:
             raise AnyNetError(f"{self._path}: no topic with images")

@@ -61,9 +61,14 @@ class Source(ABC):
         """Width and height of one image, if that can be told before the first frame."""
         return None
 
+    @property
+    def unpaired(self) -> tuple[int, int]:
+        """How many left and right images of those read so far found no partner."""
+        return 0, 0
+
     @abstractmethod
     def frames(self) -> Iterator[Frame]:
-        """The frames; all of it on one thread.
+        """The frames, recorded ones from the first on each time; all of it on one thread.
 
         Raises:
             AnyNetError: if the source cannot be read any more, or gives what is no pair of images of one size.

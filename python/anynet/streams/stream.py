@@ -49,6 +49,7 @@ class Statistics:
     def __init__(self) -> None:
         self.read = 0
         self.frames = 0
+        self.unpaired = 0, 0  # left and right images that found no partner
         self._stages: Counter[int] = Counter()
         self._latencies: deque[float] = deque(maxlen=_REMEMBERED)
         self._first = self._last = 0.0
@@ -64,8 +65,9 @@ class Statistics:
         self._latencies.append(1e3 * (self._last - arrived))
 
     def summary(self) -> dict[str, Any]:
-        """Numbers of frames with a result and dropped ones, results per second, milliseconds from a frame's arrival
-        until its results were written (median, 95th percentile, maximum; of the last 10,000), frames by last stage."""
+        """Numbers of frames with a result, of dropped ones, and of images without a partner, results per second,
+        milliseconds from a frame's arrival until its results were written (median, 95th percentile, maximum; of the
+        last 10,000), frames by last stage."""
         latency = None
         if self._latencies:
             values = np.percentile(self._latencies, (50, 95, 100))
@@ -74,6 +76,7 @@ class Statistics:
         return {
             "frames": self.frames,
             "dropped": self.read - self.frames,
+            "unpaired": {"left": self.unpaired[0], "right": self.unpaired[1]},
             "fps": round(self.frames / seconds, 3) if self.frames and seconds > 0 else 0.0,
             "latency_ms": latency or {"p50": None, "p95": None, "max": None},
             "stages": {str(stage): count for stage, count in sorted(self._stages.items())},
@@ -91,7 +94,7 @@ class Stream:
         trust: what becomes unknown for want of it; makes the confidence be computed.
         rate: frames per second at which a recording is played, in place of its own pace.
         every_frame: a recording waits until each frame has been dealt with: slower or faster, but nothing is dropped.
-        watch: look at a frame now and then, whether the cameras have moved.
+        watch: look at a frame now and then, whether the cameras have moved, or disparities are too small to be found.
 
     Raises:
         AnyNetError: if an option is not that.
@@ -201,6 +204,7 @@ class Stream:
             if not self._stopped.is_set():
                 self._error = error
         finally:
+            self.statistics.unpaired = self._source.unpaired
             self._read_all.set()
             self._begun.set()
 
@@ -212,8 +216,9 @@ class Stream:
             self._warnings.extend(pair.warnings)
             if any("unrectified" in warning for warning in pair.warnings):
                 self._watch = None  # it is told
-        elif self._watch is not None and (finding := self._watch(pair.left, pair.right)):
-            self._warnings.append(finding)
+        elif self._watch is not None:
+            finding = self._watch(pair.left, pair.right, pair.calibration, pair.min_disparity)
+            self._warnings.extend([finding] if finding else [])
         return pair
 
     def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:

@@ -129,12 +129,14 @@ class View:
 
     def _frames(self) -> Iterator[tuple[Frame, PreparedPair]]:
         """The source's frames prepared, again and again; of a single one, that one once."""
+        first = True
         while True:
             count = 0
             for frame in self._source.frames():
                 count += 1
                 pair = self._prepare(frame.left, frame.right)
-                if count == 1:
+                if first:
+                    first = False
                     self._prepare = self._prepare.following(pair)  # the others are not looked at as closely
                     for warning in pair.warnings:
                         print(printable(f"anynet: {frame.name}: warning: {warning}"), file=sys.stderr)

@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import math
+import re
 
 import cv2
 import numpy as np
 import pytest
 from skimage.data import stereo_motorcycle
 
-from anynet.camera import RowShift, RowWatch, fit_rows, match_corners
+from anynet.camera import Calibration, RowShift, RowWatch, fit_rows, match_corners
 
 
 def moved(image: np.ndarray, shift: float, roll: float) -> np.ndarray:
@@ -58,6 +59,24 @@ def test_watch(pair: tuple[np.ndarray, np.ndarray]) -> None:
     assert "matched corners lie 1.0 rows apart" in next(message for message in told if message)
     assert [watch(*pair) for _ in range(9)] == [None] * 9
     assert any(watch(pair[0], drifted) for _ in range(9))  # good in between, so it is told again
+
+
+def test_watch_tells_of_disparities_below_those_looked_for(pair: tuple[np.ndarray, np.ndarray]) -> None:
+    cut = pair[0][:, 45:], pair[1][:, :-45]  # disparities are as many pixels smaller
+    doffs = Calibration(focal=1000, baseline=0.2, doffs=90)
+    watch = RowWatch(every=1)
+    assert watch(*pair, doffs) is None
+    told = watch(*cut, doffs)
+    assert told is not None
+    assert re.fullmatch(
+        r"matched corners have disparities down to -\d\d pixels, which are looked for from 0 on: "
+        r"use --min-disparity -\d\d",
+        told,
+    )
+    assert watch(*cut, doffs) is None
+    needed = int(told.split()[-1])
+    for calibration, smallest in ((doffs, needed), (doffs, needed + 10), (Calibration(1000, 0.2), 0), (None, 0)):
+        assert RowWatch(every=1)(*cut, calibration, smallest) is None
 
 
 def test_watch_says_nothing_of_what_it_cannot_see() -> None:

@@ -226,6 +226,33 @@ def test_disparities_that_a_png_does_not_hold(run: Run, pair: tuple[Path, Path],
     assert report["notes"] == ["disparities looked for from -20 pixels on"]
 
 
+def test_another_format_replaces_that_of_an_earlier_run(
+    run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path
+) -> None:
+    """And no file of the user's."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "left_disparity.npy").touch()
+
+    def written(*options: object) -> list[str]:
+        assert run("predict", *pair, "--out", out, "--weights", weights, "--all-stages", *options).status == 0
+        return [name for name in names(out) if "disparity" in name]
+
+    kinds = ["left_disparity", "left_stage1_disparity", "left_stage2_disparity", "left_stage3_disparity"]
+    assert written() == ["left_disparity.npy", *(f"{kind}.png" for kind in kinds)]
+    assert written() == ["left_disparity.npy", *(f"{kind}.png" for kind in kinds)]
+    assert written("--format", "pfm") == [f"{kind}.pfm" for kind in kinds]
+    assert written("--format", "npy") == [f"{kind}.npy" for kind in kinds]
+    assert "left_disparity.npy" not in written("--min-disparity", -20)  # which a PNG does not hold
+
+
+def test_an_image_to_read_is_not_removed(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+    left, right = shutil.copy(pair[0], tmp_path / "a.png"), shutil.copy(pair[1], tmp_path / "a_disparity.png")
+    (tmp_path / "a_color.png").touch()
+    assert run("predict", left, right, "--out", tmp_path, "--weights", weights, "--format", "pfm").status == 0
+    assert right.read_bytes() == pair[1].read_bytes()
+
+
 @pytest.mark.parametrize("depth", ["nan", "-5", "0"])
 def test_max_depth(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path, depth: str) -> None:
     result = run("predict", *pair, "--out", tmp_path / "out", "--weights", weights, "--max-depth", depth)

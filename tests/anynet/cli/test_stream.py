@@ -128,6 +128,22 @@ def test_recording_to_recording(run: Run, scene: tuple[np.ndarray, np.ndarray], 
     np.testing.assert_allclose(values, expected, rtol=1e-3)
 
 
+def test_images_without_a_partner_are_told_at_the_end(
+    run: Run, scene: tuple[np.ndarray, np.ndarray], weights: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags", reason="the extra ros is not installed")
+    with BagWriter(tmp_path / "in.bag") as bag:
+        for index in range(4):
+            for side, image, late in zip(("left", "right"), scene, (0, 50_000_000 * (index > 1)), strict=True):
+                bag.image(f"/{side}/image", np.ascontiguousarray(image), START + 100_000_000 * index + late)
+    result = run("stream", tmp_path / "in.bag", "--every-frame", "--no-check", "--weights", weights, "--json")
+    frames, summary = lines(result.out)
+    assert (result.status, len(frames)) == (0, 2)
+    message = "2 left and 2 right images had no partner within 10 ms (--slop)"
+    assert result.err == f"anynet: warning: {tmp_path / 'in.bag'}: {message}\n"
+    assert (summary["frames"], summary["dropped"], summary["unpaired"]) == (2, 0, {"left": 2, "right": 2})
+
+
 def test_confidence_goes_everywhere(run: Run, folders: tuple[Path, Path], tmp_path: Path) -> None:
     rosbags = pytest.importorskip("rosbags.highlevel", reason="the extra ros is not installed")
     out, record = tmp_path / "out", tmp_path / "out.mcap"

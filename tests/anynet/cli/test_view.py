@@ -26,7 +26,7 @@ def pattern(tmp_path: Path, folders: tuple[Path, Path]) -> tuple[object, ...]:
     return tuple(path / "*.png" for path in folders)
 
 
-def pair(tmp_path: Path, folders: tuple[Path, Path]) -> tuple[object, ...]:
+def one_pair(tmp_path: Path, folders: tuple[Path, Path]) -> tuple[object, ...]:
     return tuple(path / "a.png" for path in folders)
 
 
@@ -48,7 +48,7 @@ def recording(tmp_path: Path, folders: tuple[Path, Path]) -> tuple[object, ...]:
 
 
 @pytest.mark.parametrize("command", [["view"], ["stream", "--view"]], ids=["view", "stream"])
-@pytest.mark.parametrize("kind", [folder, pattern, pair, video, recording])
+@pytest.mark.parametrize("kind", [folder, pattern, one_pair, video, recording])
 def test_sources(
     run: Run,
     monkeypatch: pytest.MonkeyPatch,
@@ -64,11 +64,23 @@ def test_sources(
         shown.extend([len(frames), size, prepare(frames[0].left, frames[0].right).calibration])
         shown.append(options.get("rate", arguments[-1]))
 
+    monkeypatch.setattr("anynet.cli.stream.show", show)  # which imports the other, so it goes first
     monkeypatch.setattr("anynet.cli.view.show", show)
-    monkeypatch.setattr("anynet.cli.stream.show", show)
     result = run(*command, *kind(tmp_path, folders), *CALIB, "--rate", 5)
     assert (result.status, result.err) == (0, "")
     count, size, calibration, rate = shown
-    assert (count, size, rate) == (1 if kind is pair else 3, (64, 48), 5)
+    assert (count, size, rate) == (1 if kind is one_pair else 3, (64, 48), 5)
     assert calibration is not None
     assert calibration.baseline == 0.1
+
+
+@pytest.mark.parametrize("scale", ["-1", "0", "nan", "5"])
+@pytest.mark.parametrize("command", [["view"], ["stream", "--view"]], ids=["view", "stream"])
+def test_a_wrong_scale_is_told_before_the_page_is_up(
+    run: Run, monkeypatch: pytest.MonkeyPatch, pair: tuple[Path, Path], command: list[str], scale: str
+) -> None:
+    view = pytest.importorskip("anynet.view", reason="the page needs viser (extra view)")
+    monkeypatch.setattr(view, "View", None)
+    result = run(*command, *pair, "--input-scale", scale)
+    assert (result.status, result.out) == (2, "")
+    assert result.err == f"anynet: AnyNetConfig: expected input_scale from 0.0625 to 4, got {float(scale)}\n"

@@ -28,7 +28,7 @@ class FakeCamera:
         self.images = images
 
     def isOpened(self) -> bool:
-        return self.plugged.is_set()
+        return self.plugged.is_set() and not self.released
 
     def grab(self) -> bool:
         self.count += 1
@@ -164,6 +164,19 @@ def test_videos(tmp_path: Path) -> None:
     uneven = Capture([str(paths[0]), str(video(tmp_path / "d.avi", 4))], live=False)
     assert uneven.warnings == [f"{paths[0]} and {tmp_path / 'd.avi'} have 6 and 4 frames"]
     assert len(list(uneven.frames())) == 4
+
+
+def test_videos_begin_again(tmp_path: Path) -> None:
+    """After their end, and after a reader that left before it; not once they are closed."""
+    names = [str(video(tmp_path / f"{name}.avi", 4)) for name in "ab"]
+    with Capture(names, live=False) as source:
+        next(source.frames())
+        for _ in range(2):
+            assert [frame.left.mean() for frame in source.frames()] == pytest.approx([20, 30, 40, 50], abs=2)
+        Path(names[1]).unlink()
+        with pytest.raises(AnyNetError, match=rf"^cannot open {names[1]}: no such video"):
+            next(source.frames())
+    assert list(source.frames()) == []
 
 
 def test_rates_that_differ_are_told(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from anynet.camera import Calibration, StereoRig
 from anynet.errors import AnyNetError
-from anynet.streams import Frame, Recording
+from anynet.streams import Frame, Recording, recording
 
 pytest.importorskip("rosbags", reason="the extra ros is not installed")
 
@@ -170,12 +170,52 @@ def test_left_and_right_are_matched_by_their_stamps(tmp_path: Path) -> None:
             image = np.full((4, 4, 3), stamp // 100, np.uint8)
             topic = {"l": "/left/image", "r": "/right/image"}[side]
             bag.image(topic, image, START + stamp * MS, recorded=START + recorded * MS)
-    frames = read(tmp_path / "a.mcap")
+    with pytest.warns(UserWarning, match=r"a\.mcap: 1 left and 1 right images had no partner within 10 ms \(--slop\)$"):
+        frames = read(tmp_path / "a.mcap")
     assert [frame.stamp - START for frame in frames] == [0, 200 * MS, 400 * MS, 500 * MS]
     for frame in frames:
         np.testing.assert_array_equal(frame.left, frame.right)
     with pytest.raises(AnyNetError, match=r"no left and right image within 1 ms; the closest two are 3.0 ms apart"):
         read(tmp_path / "a.mcap", slop=0.001)
+
+
+def late(path: Path, delay: int, count: int = 30) -> Path:
+    """Pairs of one stamp at 30 per second, whose right images but the first are recorded `delay` frames later."""
+    with BagWriter(path) as bag:
+        times = [(index + side * delay * (index > 0), index, side) for index in range(count) for side in (0, 1)]
+        for recorded, index, side in sorted(times):
+            image = np.full((4, 4, 3), index, np.uint8)
+            stamp, at = START + 33 * MS * index, START + 33 * MS * recorded
+            bag.image(("/left/image", "/right/image")[side], image, stamp, recorded=at)
+    return path
+
+
+def test_images_wait_for_partners_that_come_late(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    with Recording(late(tmp_path / "a.mcap", delay=20)) as source:
+        frames = list(source.frames())
+        assert source.unpaired == (0, 0)
+    assert [frame.left[0, 0, 0] for frame in frames] == list(range(30))
+    assert all((frame.left == frame.right).all() for frame in frames)
+    assert not recwarn
+
+
+@pytest.mark.parametrize("bound", ["_WAIT", "_WAITING", "_WAITING_BYTES"])
+def test_images_that_wait_in_vain_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bound: str) -> None:
+    """For longer than a driver takes, or too many for the memory."""
+    monkeypatch.setattr(recording, bound, {"_WAIT": 5 * 33 * MS, "_WAITING": 6, "_WAITING_BYTES": 700}[bound])
+    path = late(tmp_path / "a.mcap", delay=5)
+    assert len(read(path)) == 30
+    source = Recording(late(tmp_path / "b.mcap", delay=10))
+    with pytest.warns(UserWarning, match="left and .* right images had no partner"):
+        frames = list(source.frames())
+    assert 1 <= len(frames) < 10
+    assert source.unpaired == (30 - len(frames), 30 - len(frames))
+    assert all((frame.left == frame.right).all() for frame in frames)
+
+
+def test_a_recording_of_one_topic_twice(tmp_path: Path) -> None:
+    with pytest.raises(AnyNetError, match="expected 2 topics, got 1: /cam/left/image_rect, /cam/left/image_rect"):
+        Recording(write(tmp_path / "a.mcap"), ["/cam/left/image_rect"] * 2)
 
 
 def test_a_stamp_of_0_is_replaced(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import psutil
 import pytest
+from skimage.data import stereo_motorcycle
 
 from anynet import Predictor
 from anynet.camera import Calibration, PairPreparation
@@ -123,6 +124,7 @@ def test_an_empty_source(stub: Stub) -> None:
     assert summary == {
         "frames": 0,
         "dropped": 0,
+        "unpaired": {"left": 0, "right": 0},
         "fps": 0.0,
         "latency_ms": {"p50": None, "p95": None, "max": None},
         "stages": {},
@@ -160,6 +162,17 @@ def test_unknown_disparities_and_warnings() -> None:
     assert np.isnan(first.estimate.disparity).all()
     assert (second.estimate.disparity == 14).all()
     assert second.pair.calibration is not None
+
+
+def test_disparities_that_the_first_frame_did_not_have(stub: Stub) -> None:
+    left, right, _ = stereo_motorcycle()
+    pairs = (left[:, :-45], right[:, :-45]), (left[:, 45:], right[:, :-45])  # disparities 45 pixels smaller
+    frames = [Frame(str(i), *map(np.ascontiguousarray, pair), stamp=i, time=0.0) for i, pair in enumerate(pairs)]
+    prepare = PairPreparation(Calibration(1000, 0.2, doffs=90))
+    first, second = Stream(Frames(frames), stub, prepare=prepare, every_frame=True).results()
+    assert first.warnings == ()
+    (warning,) = second.warnings
+    assert "which are looked for from 0 on: use --min-disparity -" in warning
 
 
 def test_real_predictor(weights_predictor: Predictor) -> None:

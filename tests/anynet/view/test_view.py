@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+import socket
 import threading
 import time
+import urllib.request
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -14,10 +18,11 @@ import pytest
 
 from anynet import AnyNetError
 from anynet.camera import Calibration, PairPreparation
+from anynet.streams import Capture
 from anynet.synthetic import render
 
 pytest.importorskip("viser", reason="the page needs viser (extra view)")
-from anynet.view import StillPair, View
+from anynet.view import Page, StillPair, View
 
 
 @pytest.fixture
@@ -130,6 +135,22 @@ def test_in_a_browser(view: View, tmp_path: Path) -> None:
         driver.quit()
 
 
+def test_videos_begin_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And what is wrong with them is told once."""
+    writer = cv2.VideoWriter(str(tmp_path / "both.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (128, 48))
+    for level in range(3):
+        writer.write(np.full((48, 128, 3), 50 * level, np.uint8))
+    writer.release()
+    source = Capture([str(tmp_path / "both.avi")], live=False)
+    view = View(source, prepare=PairPreparation(Calibration(100, 0.1, cx=900.0)), port=18095)
+    try:
+        names = [frame.name for frame, _ in islice(view._frames(), 7)]
+    finally:
+        view.page.close()
+    assert names == ["000000", "000001", "000002"] * 2 + ["000000"]
+    assert capsys.readouterr().err.count("principal point") == 1
+
+
 def test_a_source_without_frames() -> None:
     class Empty(StillPair):
         def frames(self) -> Iterator[object]:  # type: ignore[override]
@@ -138,6 +159,20 @@ def test_a_source_without_frames() -> None:
     image = np.zeros((8, 8, 3), np.uint8)
     with pytest.raises(AnyNetError, match="the source has no frames"):
         View(Empty("", image, image), port=18090).run()
+
+
+def test_a_host_of_ip_version_6() -> None:
+    try:
+        socket.create_server(("::1", 0), family=socket.AF_INET6).close()
+    except OSError:
+        pytest.skip("this machine has no IPv6")
+    page = Page("::1", 18100, ["default"])
+    try:
+        assert re.fullmatch(r"http://\[::1\]:\d+", page.url)
+        with urllib.request.urlopen(page.url, timeout=60) as answer:
+            assert answer.status == 200
+    finally:
+        page.close()
 
 
 @pytest.mark.parametrize("host", ["no such host", "a" * 300, "256.1.1.1"])
