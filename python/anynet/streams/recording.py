@@ -187,7 +187,7 @@ class Recording(Source):
             raise AnyNetError(f"{self._path}: no left and right image {within}{nearest} (--slop)")
         for waiting in sides:
             waiting.forget()
-        if any(self.unpaired):
+        if sum(self.unpaired) > 1:  # one, where the recording begins or ends between two
             left, right = self.unpaired
             warnings.warn(
                 f"{self._path}: {left} left and {right} right images had no partner {within} (--slop)", stacklevel=2
