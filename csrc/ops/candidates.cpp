@@ -14,8 +14,8 @@ Tensor candidate_costs(const Tensor& features, const Tensor& disparity, int64_t 
   const int64_t channels = features.size(1), height = features.size(2), width = features.size(3);
   check_tensor("candidate_costs", "features", features, {2, channels, height, width}, features);
   check_tensor("candidate_costs", "disparity", disparity, {1, 1, height, width}, features);
-  ANYNET_CHECK(groups > 0 && channels % groups == 0, "candidate_costs: expected groups to divide the ", channels,
-               " channels, got ", groups);
+  ANYNET_CHECK(groups > 0 && groups <= channels && channels % groups == 0,  // any number divides 0
+               "candidate_costs: expected groups to divide the ", channels, " channels, got ", groups);
   ANYNET_CHECK(first <= last, "candidate_costs: expected first <= last, got first ", first, " and last ", last);
   int64_t span;
   ANYNET_CHECK(!__builtin_sub_overflow(last, first, &span) && span < max_size && width < max_size - span,

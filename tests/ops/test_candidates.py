@@ -44,6 +44,7 @@ class TestCandidateCosts(InferenceOperator):
         (wrong(FEATURES, FEATURES[:1]), r"disparity of shape \[1, 1, 3, 5\], got \[1, 4, 3, 5\]"),
         (wrong(groups=3), "groups to divide the 4 channels, got 3"),
         (wrong(groups=0), "groups to divide the 4 channels, got 0"),
+        (wrong(FEATURES[:, :0], groups=2**62), "groups to divide the 0 channels, got 4611686018427387904"),
         (wrong(first=2, last=-2), "first <= last, got first 2 and last -2"),
         (wrong(radius=-1), "radius of 0 to 1024, got -1"),
         (wrong(radius=1025), "radius of 0 to 1024, got 1025"),
