@@ -55,10 +55,10 @@ inline void check_device(const char* op, const char* name, const Tensor& t, cons
 }
 
 /// Checks that `t` has the given sizes, and the dtype and device of `first`, the call's first tensor.
-inline void check_tensor(const char* op, const char* name, const Tensor& t, std::initializer_list<int64_t> sizes,
-                         const Tensor& first) {
+template <class Sizes = std::initializer_list<int64_t>>
+void check_tensor(const char* op, const char* name, const Tensor& t, const Sizes& sizes, const Tensor& first) {
   bool fits = t.dim() == static_cast<int64_t>(sizes.size());
-  for (int64_t i = 0; fits && i < t.dim(); ++i) fits = t.size(i) == sizes.begin()[i];
+  for (int64_t i = 0; fits && i < t.dim(); ++i) fits = t.size(i) == std::data(sizes)[i];
   ANYNET_CHECK(fits, op, ": expected ", name, " of shape ", shape(sizes), ", got ", shape(t));
   ANYNET_CHECK(t.scalar_type() == first.scalar_type(), op, ": expected all tensors of one dtype, got ",
                torch::headeronly::toString(first.scalar_type()), " and, for ", name, ", ",
