@@ -120,10 +120,11 @@ View<const T, Rank> view(const Tensor& t) {
 ///
 /// Straight from PyTorch's allocator: the stable ABI's `new_empty` looks an operator up by its name in every call.
 template <class Sizes = std::initializer_list<int64_t>>
-Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarType> dtype = std::nullopt) {
+Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarType> dtype = std::nullopt,
+                  const char* what = "a result") {
   const int64_t* const size = std::data(sizes);
   std::vector<int64_t> strides(sizes.size());
-  uint64_t stride = 1;  // may overflow; PyTorch then says so
+  uint64_t stride = 1;  // may overflow; PyTorch then refuses
   for (size_t i = sizes.size(); i-- > 0;) {
     strides[i] = static_cast<int64_t>(stride);
     stride *= static_cast<uint64_t>(size[i] > 1 ? size[i] : 1);
@@ -134,8 +135,9 @@ Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarTy
   STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_get_device_type(like.get(), &device));
   STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_get_device_index(like.get(), &index));
   AtenTensorHandle result;
-  STABLE_TORCH_ERROR_CODE_CHECK(
-      aoti_torch_empty_strided(static_cast<int64_t>(sizes.size()), size, strides.data(), type, device, index, &result));
+  const AOTITorchError error =
+      aoti_torch_empty_strided(static_cast<int64_t>(sizes.size()), size, strides.data(), type, device, index, &result);
+  ANYNET_CHECK(error == AOTI_TORCH_SUCCESS, "expected memory for ", what, " of shape ", shape(sizes), ", got none");
   return Tensor(result);
 }
 
@@ -143,7 +145,12 @@ Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarTy
 inline Tensor new_like(const Tensor& like) { return new_tensor(like, like.sizes()); }
 
 /// The tensor itself if it is contiguous; or a copy.
-inline Tensor make_contiguous(const Tensor& t) { return t.is_contiguous() ? t : torch::stable::contiguous(t); }
+inline Tensor make_contiguous(const Tensor& t) {
+  if (t.is_contiguous()) return t;
+  Tensor copy = new_tensor(t, t.sizes(), std::nullopt, "a contiguous copy");
+  torch::stable::copy_(copy, t);
+  return copy;
+}
 
 template <class T>
 T* data(const Tensor& t) {

@@ -292,6 +292,15 @@ def test_operator_checks_too(arguments: tuple[tuple[int, ...], ...], message: st
         torch.ops.anynet.conv3x3(*tensors, None, None, 1, False, False)
 
 
+@pytest.mark.parametrize("sizes", [[2, 4, -3, 5], [-2, 4, 3, 5], [2, 4, 0, 5], [2, 65, 3, 5], [2, 4, 15], []])
+def test_the_gradient_checks_the_inputs_size(sizes: list[int]) -> None:
+    grad, weight = torch.zeros(2, 2, 3, 5), torch.zeros(2, 4, 3, 3)
+    with pytest.raises(RuntimeError) as caught:
+        torch.ops.anynet.conv3x3_backward_input(grad, weight, None, sizes, 1)
+    expected = f"conv3x3: expected input of shape [N, C, H, W] with C in 1..64 and at least one pixel, got {sizes}"
+    assert str(caught.value).splitlines()[0] == expected
+
+
 @pytest.mark.parametrize("dimensions", [2, 3])
 def test_opcheck(dimensions: int) -> None:
     tensors = {name: t.requires_grad_() for name, t in make((3, 5, 19)[-dimensions:], (3, 6)).items()}
