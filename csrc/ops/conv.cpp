@@ -63,7 +63,8 @@ void check_conv_vector(const char* op, const char* name, const std::optional<Ten
                        const Tensor& input) {
   if (!vector) return;
   ANYNET_CHECK(vector->dim() == 1 && vector->size(0) == channels && vector->scalar_type() == input.scalar_type(), op,
-               ": expected ", name, " of shape [", channels, "] and the input's dtype, got ", shape(*vector));
+               ": expected ", name, " as ", dtype_name(input.scalar_type()), " [", channels, "], got ",
+               described(*vector));
   check_device(op, name, *vector, input);
 }
 
@@ -105,7 +106,8 @@ Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bia
   const char* op = conv_name(dimensions);
   check_conv_input(op, sizes(input), dimensions, stride);
   check_conv_weight(op, "weight", weight, dimensions, input.size(1));
-  ANYNET_CHECK(weight.scalar_type() == input.scalar_type(), op, ": expected input and weight of one dtype");
+  ANYNET_CHECK(weight.scalar_type() == input.scalar_type(), op, ": expected input and weight of one dtype, got ",
+               dtype_name(input.scalar_type()), " and ", dtype_name(weight.scalar_type()));
   check_device(op, "weight", weight, input);
   check_conv_vector(op, "bias", bias, weight.size(0), input);
   check_conv_vector(op, "scale", scale, input.size(1), input);
@@ -173,11 +175,13 @@ Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::option
                            std::vector<int64_t> input_size, int64_t stride) {
   check_conv_input(conv_name(dimensions), input_size, dimensions, stride);
   check_conv_weight(conv_name(dimensions), "weight", weight, dimensions, input_size[1]);
-  ANYNET_CHECK(
-      sizes(grad) == conv_out_sizes(input_size, weight.size(0), stride) && grad.scalar_type() == weight.scalar_type(),
-      conv_name(dimensions), ": expected grad of the output's shape and dtype, got ", shape(grad));
+  const std::vector<int64_t> out_size = conv_out_sizes(input_size, weight.size(0), stride);
+  ANYNET_CHECK(sizes(grad) == out_size && grad.scalar_type() == weight.scalar_type(), conv_name(dimensions),
+               ": expected grad as ", dtype_name(weight.scalar_type()), " ", shape(out_size), ", got ",
+               described(grad));
   ANYNET_CHECK(!before || (sizes(*before) == input_size && before->scalar_type() == grad.scalar_type()),
-               conv_name(dimensions), ": expected before of the input's shape and dtype, got ", shape(*before));
+               conv_name(dimensions), ": expected before as ", dtype_name(grad.scalar_type()), " ", shape(input_size),
+               ", got ", described(*before));
   Tensor grad_input = new_tensor(grad, input_size);
   const Tensor g = make_contiguous(grad), w = make_contiguous(weight);
   const auto x = contiguous_or_none(before);
@@ -198,8 +202,8 @@ std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor
   ANYNET_CHECK(grad.dim() == input.dim() && grad.size(1) <= conv_channels &&
                    sizes(grad) == conv_out_sizes(sizes(input), grad.size(1), stride) &&
                    grad.scalar_type() == input.scalar_type(),
-               conv_name(dimensions), ": expected grad of the output's shape and dtype for input ", shape(input),
-               ", got ", shape(grad));
+               conv_name(dimensions), ": expected grad of the output's shape and dtype for input ", described(input),
+               ", got ", described(grad));
   check_conv_vector(op, "scale", scale, input.size(1), input);
   check_conv_vector(op, "shift", shift, input.size(1), input);
   ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),

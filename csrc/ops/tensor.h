@@ -35,6 +35,48 @@ std::string shape(const Sizes& sizes) {
 
 inline std::string shape(const Tensor& t) { return shape(t.sizes()); }
 
+/// As PyTorch's users write it.
+inline const char* dtype_name(ScalarType dtype) {
+  switch (dtype) {
+    case ScalarType::Float:
+      return "float32";
+    case ScalarType::Double:
+      return "float64";
+    case ScalarType::Half:
+      return "float16";
+    case ScalarType::BFloat16:
+      return "bfloat16";
+    case ScalarType::Byte:
+      return "uint8";
+    case ScalarType::Char:
+      return "int8";
+    case ScalarType::Short:
+      return "int16";
+    case ScalarType::Int:
+      return "int32";
+    case ScalarType::Long:
+      return "int64";
+    case ScalarType::Bool:
+      return "bool";
+    default:
+      return torch::headeronly::toString(dtype);
+  }
+}
+
+inline std::string device_name(const Tensor& t) {
+  const auto device = t.device();
+  if (device.is_cuda()) return "cuda:" + std::to_string(device.index());
+  return device.is_cpu() ? "cpu" : "another kind of device";
+}
+
+/// "float64 [1, 3, 4]"
+inline std::string described(const Tensor& t) { return dtype_name(t.scalar_type()) + (" " + shape(t)); }
+
+/// The same, with strides if these are not a contiguous tensor's.
+inline std::string described_layout(const Tensor& t) {
+  return described(t) + (t.is_contiguous() ? "" : " of strides " + shape(t.strides()));
+}
+
 template <class... Parts>
 [[noreturn]] void fail(const Parts&... parts) {
   std::ostringstream s;
@@ -51,7 +93,8 @@ template <class... Parts>
   if (!(condition)) ::anynet::ops::fail(__VA_ARGS__)
 
 inline void check_device(const char* op, const char* name, const Tensor& t, const Tensor& first) {
-  ANYNET_CHECK(t.device() == first.device(), op, ": expected all tensors on one device, but ", name, " is on another");
+  ANYNET_CHECK(t.device() == first.device(), op, ": expected all tensors on one device, got ", device_name(first),
+               " and, for ", name, ", ", device_name(t));
 }
 
 /// Checks that `t` has the given sizes, and the dtype and device of `first`, the call's first tensor.
@@ -61,15 +104,14 @@ void check_tensor(const char* op, const char* name, const Tensor& t, const Sizes
   for (int64_t i = 0; fits && i < t.dim(); ++i) fits = t.size(i) == std::data(sizes)[i];
   ANYNET_CHECK(fits, op, ": expected ", name, " of shape ", shape(sizes), ", got ", shape(t));
   ANYNET_CHECK(t.scalar_type() == first.scalar_type(), op, ": expected all tensors of one dtype, got ",
-               torch::headeronly::toString(first.scalar_type()), " and, for ", name, ", ",
-               torch::headeronly::toString(t.scalar_type()));
+               dtype_name(first.scalar_type()), " and, for ", name, ", ", dtype_name(t.scalar_type()));
   check_device(op, name, t, first);
 }
 
 /// Checks that `t` is a tensor as the deployed network's operators take it.
 inline void check_contiguous(const char* op, const char* name, const Tensor& t, int64_t dim) {
   ANYNET_CHECK(t.dim() == dim && t.scalar_type() == ScalarType::Float && t.is_contiguous(), op, ": expected ", name,
-               " as contiguous float32 tensor of ", dim, " dimensions, got ", shape(t));
+               " as contiguous float32 tensor of ", dim, " dimensions, got ", described_layout(t));
 }
 
 /// Checks that `t` is a float32 vector of so many elements, on the device of `first`.
@@ -81,7 +123,7 @@ inline void check_vector(const char* op, const char* name, const Tensor& t, int6
 inline void check_image(const char* op, const Tensor& image) {
   ANYNET_CHECK(image.dim() == 3 && image.size(0) > 0 && image.size(1) > 0 && image.size(2) == 3 &&
                    image.scalar_type() == ScalarType::Byte && image.is_contiguous(),
-               op, ": expected a contiguous uint8 image of shape [H, W, 3], got ", shape(image));
+               op, ": expected a contiguous uint8 image of shape [H, W, 3], got ", described_layout(image));
 }
 
 /// Checks two images of one size on the device of `first`.
@@ -182,7 +224,7 @@ void dispatch_wide(ScalarType dtype, const char* op, const Body& body) {
     case ScalarType::Double:
       return body(double{});
     default:
-      fail(op, ": expected tensors of dtype float32 or float64, got ", torch::headeronly::toString(dtype));
+      fail(op, ": expected tensors of dtype float32 or float64, got ", dtype_name(dtype));
   }
 }
 
@@ -199,8 +241,7 @@ void dispatch(ScalarType dtype, const char* op, const Body& body) {
     case ScalarType::BFloat16:
       return body(bfloat16{});
     default:
-      fail(op, ": expected a tensor of dtype float32, float64, float16 or bfloat16, got ",
-           torch::headeronly::toString(dtype));
+      fail(op, ": expected a tensor of dtype float32, float64, float16 or bfloat16, got ", dtype_name(dtype));
   }
 }
 

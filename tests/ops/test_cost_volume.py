@@ -135,7 +135,7 @@ class TestCostVolume(DifferentiableOperator):
         (
             "cost_volume",
             (IMAGE, IMAGE.double(), None, 0, 1),
-            "cost_volume: expected all tensors of one dtype, got Float and, for right, Double",
+            "cost_volume: expected all tensors of one dtype, got float32 and, for right, float64",
         ),
         (
             "cost_volume",
@@ -146,7 +146,7 @@ class TestCostVolume(DifferentiableOperator):
         (
             "cost_volume",
             (IMAGE.int(), IMAGE.int(), None, 0, 1),
-            "cost_volume: expected a tensor of dtype float32, float64, float16 or bfloat16, got Int",
+            "cost_volume: expected a tensor of dtype float32, float64, float16 or bfloat16, got int32",
         ),
         (
             "cost_volume_backward",
@@ -156,7 +156,7 @@ class TestCostVolume(DifferentiableOperator):
         (
             "cost_volume_backward",
             (IMAGE[:, :2].half(), IMAGE, IMAGE, None, 0, 1),
-            "cost_volume_backward: expected all tensors of one dtype, got Float and, for grad, Half",
+            "cost_volume_backward: expected all tensors of one dtype, got float32 and, for grad, float16",
         ),
         (
             "cost_volume",

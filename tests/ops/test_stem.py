@@ -47,7 +47,11 @@ class TestStem(InferenceOperator):
     }
     errors: ClassVar = [
         (replaced(1, image(8, 9)), r"images of one size, got \[8, 8, 3\] and \[8, 9, 3\]"),
-        (replaced(0, image(8, 8)[..., 0]), r"contiguous uint8 image of shape \[H, W, 3\], got \[8, 8\]"),
+        (
+            replaced(0, image(8, 8)[..., 0]),
+            r"contiguous uint8 image of shape \[H, W, 3\], got uint8 \[8, 8\] of strides \[24, 3\]",
+        ),
+        (replaced(0, image(8, 8).char()), r"contiguous uint8 image of shape \[H, W, 3\], got int8 \[8, 8, 3\]$"),
         (replaced(5, random(1, 1, 3, 3)), r"weight_second of shape \[2, 2, 3, 3\], got \[1, 1, 3, 3\]"),
         (stem_call(8, 8, input_scale=3), "input_scale 1 or 2, got 3"),
         (stem_call(8, 8, multiple=6), "multiple of 4, at most 65536, got 6"),
