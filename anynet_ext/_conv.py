@@ -46,8 +46,8 @@ def conv3x3(
 
     Returns:
         [N, O, (H - 1) // stride + 1, (W - 1) // stride + 1]. Differentiable in every tensor; the gradients repeat bit
-        for bit whatever the number of threads. There is no second derivative. Under autocast it computes in float32,
-        and returns that. On the CPU, what is NaN before `relu_in` has no gradient.
+        for bit whatever the number of threads. There is no second derivative. Under autocast half types give float32.
+        On the CPU, what is NaN before `relu_in` has no gradient.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.
@@ -146,13 +146,13 @@ def _check(
     _checks.integer(op, "stride", stride)
     if stride not in (1, 2):
         raise ValueError(f"{op}: expected stride 1 or 2, got {stride}")
-    if not _checks.is_autocast(input.device):
-        dtypes = {t.dtype for t in (input, weight, bias, scale, shift) if t is not None}
-        if len(dtypes) > 1 or not dtypes <= {torch.float32, torch.float64}:
-            raise TypeError(
-                f"{op}: expected tensors of one dtype, float32 or float64, got "
-                f"{', '.join(sorted(str(dtype) for dtype in dtypes))}"
-            )
+    tensors = [t for t in (input, weight, bias, scale, shift) if t is not None]
+    dtypes = {_checks.computed_dtype(t) for t in tensors}
+    if len(dtypes) > 1 or not dtypes <= {torch.float32, torch.float64}:
+        raise TypeError(
+            f"{op}: expected tensors of one dtype, float32 or float64, got "
+            f"{', '.join(sorted({str(t.dtype) for t in tensors}))}"
+        )
 
 
 def _register(name: str, dimensions: int) -> None:

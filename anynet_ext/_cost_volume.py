@@ -30,8 +30,8 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
         first, last: the range of offsets in pixels, both included, first <= last, at most 2^29 either way.
 
     Returns:
-        [N, last - first + 1, H, W], contiguous. Half types are computed in float32 and rounded once. Under
-        autocast the result is float32. There is no second derivative.
+        [N, last - first + 1, H, W], contiguous. Half types are computed in float32 and rounded once; under
+        autocast they give float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype, device or shape, or the offsets a wrong range.

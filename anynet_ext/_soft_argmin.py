@@ -20,8 +20,8 @@ def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
         first: the disparity, in pixels, of `cost[:, 0]`.
 
     Returns:
-        [N, 1, H, W], disparity in pixels. Half types are computed in float32 and rounded once. Under
-        autocast the result is float32. There is no second derivative.
+        [N, 1, H, W], disparity in pixels. Half types are computed in float32 and rounded once; under
+        autocast they give float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.

@@ -27,7 +27,7 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
         direction: 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top.
 
     Returns:
-        h, [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        h, [N, C, H, W], contiguous. Half types are computed in float32 and rounded once; under autocast they give
         float32. There is no second derivative.
 
     Raises:

@@ -24,7 +24,7 @@ def warp(image: Tensor, disparity: Tensor) -> Tensor:
         disparity: [N, 1, H, W], pixels, same dtype and device as image.
 
     Returns:
-        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once; under autocast they give
         float32. There is no second derivative.
 
     Raises:

@@ -297,7 +297,7 @@ class DifferentiableOperator:
 
     @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16], ids=str)
     def test_autocast(self, call, dtype):
-        """Under autocast the operators compute in float32, whatever mixture of dtypes arrives."""
+        """Under autocast the operators compute in float32, also mixtures with half types."""
         tensors = [None if t is None else t.to(dtype if i == 0 else torch.float32) for i, t in enumerate(call.make())]
         leaves(tensors)
         with torch.autocast("cpu", dtype):
