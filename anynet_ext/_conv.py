@@ -51,9 +51,9 @@ def conv3x3(
         relu_in, relu_out: ReLU before and after the convolution.
 
     Returns:
-        [N, O, (H - 1) // stride + 1, (W - 1) // stride + 1]. Differentiable in every tensor; the gradients repeat bit
-        for bit whatever the number of threads. There is no second derivative. Under autocast half types give float32.
-        On the CPU, what is NaN before `relu_in` has no gradient.
+        [N, O, (H - 1) // stride + 1, (W - 1) // stride + 1]. Differentiable in every tensor; on the CPU the gradients
+        repeat bit for bit whatever the number of threads. There is no second derivative. Under autocast half types
+        give float32. On the CPU, what is NaN before `relu_in` has no gradient.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.
