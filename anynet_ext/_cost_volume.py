@@ -38,6 +38,12 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
 
     Source: AnyNet paper (arXiv 1810.11408), sections III-B and III-C, Fig. 3.
     """
+    _check(left, right, disparity, first, last)
+    out: Tensor = torch.ops.anynet.cost_volume(left, right, disparity, first, last)
+    return out
+
+
+def _check(left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int) -> None:
     _checks.tensor("cost_volume", "left", left, "N, C, H, W")
     _checks.matches("cost_volume", "right", right, left.shape, left)
     if disparity is not None:
@@ -49,8 +55,6 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
         raise ValueError(f"cost_volume: expected first <= last, got first {first} and last {last}")
     if first < -FARTHEST or last > FARTHEST:
         raise ValueError(f"cost_volume: expected offsets of at most 2^29 either way, got first {first} and last {last}")
-    out: Tensor = torch.ops.anynet.cost_volume(left, right, disparity, first, last)
-    return out
 
 
 @overridable
@@ -77,6 +81,7 @@ def cost_volume_affine_relu(
 
 
 def _fake(left: Tensor, right: Tensor, disparity: Tensor | None = None, first: int = 0, last: int = 0) -> Tensor:
+    _check(left, right, disparity, first, last)
     n, _, h, w = left.shape
     return left.new_empty(n, last - first + 1, h, w)
 

@@ -32,14 +32,19 @@ def warp(image: Tensor, disparity: Tensor) -> Tensor:
 
     Source: AnyNet paper (arXiv 1810.11408), section III-C.
     """
-    _checks.tensor("warp", "image", image, "N, C, H, W")
-    n, _, h, w = image.shape
-    _checks.matches("warp", "disparity", disparity, (n, 1, h, w), image)
+    _check(image, disparity)
     out: Tensor = torch.ops.anynet.warp(image, disparity)
     return out
 
 
+def _check(image: Tensor, disparity: Tensor) -> None:
+    _checks.tensor("warp", "image", image, "N, C, H, W")
+    n, _, h, w = image.shape
+    _checks.matches("warp", "disparity", disparity, (n, 1, h, w), image)
+
+
 def _fake(image: Tensor, disparity: Tensor) -> Tensor:
+    _check(image, disparity)
     return image.new_empty(image.shape)
 
 
