@@ -184,6 +184,19 @@ def test_gradients_that_are_not_finite_pass_relu_as_pytorchs(sizes: tuple[int, .
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("dimensions", "channels", "seen"),
+    [(2, (7, 9), 9), (2, (4, 64), 9), (2, (12, 12), 12), (3, (1, 8), 27), (3, (2, 3), 27), (3, (8, 8), 48)],
+)
+def test_nan_spreads_over_tiles_in_the_layers_that_are_documented(
+    dimensions: int, channels: tuple[int, int], seen: int
+) -> None:
+    input = torch.zeros(1, channels[0], *(9, 15, 64)[-dimensions:])
+    input[(0, 0, *(3, 6, 31)[-dimensions:])] = torch.nan  # in the first row and plane of tiles
+    weight = torch.ones(channels[1], channels[0], *[3] * dimensions)
+    assert OPERATORS[dimensions](input, weight)[0, 0].isnan().sum() == seen
+
+
 def test_any_layout() -> None:
     tensors = make((6, 20), (4, 5))
     expected = anynet_ext.conv3x3(**tensors)
