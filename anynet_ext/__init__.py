@@ -1,9 +1,9 @@
 """Stereo operators for PyTorch: import this, then use the functions here or `torch.ops.anynet.*`.
 
 Those of the deployed network are for inference: float32, without gradients. All others have first derivatives; second
-ones raise RuntimeError. Under `torch.autocast`, these compute in float32 and return float32, whatever they are given.
-On the CPU, all raise MemoryError (RuntimeError from PyTorch 2.15 on) if there is not enough for their scratch, and run
-on one thread in a forked process.
+ones raise RuntimeError. Under `torch.autocast`, these compute half types and float32, also mixed, in float32 and return
+float32; float64 stays float64. On the CPU, all raise MemoryError (RuntimeError from PyTorch 2.15 on) if there is not
+enough for their scratch, and run on one thread in a forked process.
 
 A saved program that holds them, a .pt2 file, can only be loaded after `import anynet_ext`.
 

@@ -26,8 +26,7 @@ def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float =
     Returns:
         [N, C, ...], differentiable in all tensors; and, [C] each and without gradients, the channels' means and
         variances (over the number of values, as they normalize). Results and gradients repeat bit for bit whatever the
-        number of threads. Under autocast it computes in float32, and returns that. There is no second
-        derivative.
+        number of threads. Under autocast half types give float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.
@@ -41,7 +40,7 @@ def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float =
         raise ValueError(f"batch_norm_relu: expected more than one value per channel, got {list(input.shape)}")
     if not eps > 0:
         raise ValueError(f"batch_norm_relu: expected eps above 0, got {eps}")
-    if input.dtype not in (torch.float32, torch.float64) and not _checks.is_autocast(input.device):
+    if _checks.computed_dtype(input) not in (torch.float32, torch.float64):
         raise TypeError(f"batch_norm_relu: expected tensors of dtype float32 or float64, got {input.dtype}")
     for name, vector in (("weight", weight), ("bias", bias)):
         _checks.matches("batch_norm_relu", name, vector, input.shape[1:2], input)

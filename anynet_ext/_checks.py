@@ -30,7 +30,7 @@ def matches(op: str, name: str, value: object, shape: Sequence[int | SymInt], fi
         raise TypeError(f"{op}: expected {name} to be a Tensor, got {type(value).__name__}")
     if value.dim() != len(shape) or any(surely(a != b) for a, b in zip(value.shape, shape, strict=True)):
         raise ValueError(f"{op}: expected {name} of shape {list(shape)}, got {list(value.shape)}")
-    if value.dtype != first.dtype and not is_autocast(first.device):
+    if computed_dtype(value) != computed_dtype(first):
         raise TypeError(f"{op}: expected all tensors of one dtype, got {first.dtype} and, for {name}, {value.dtype}")
     if value.device != first.device:
         raise ValueError(
@@ -39,9 +39,12 @@ def matches(op: str, name: str, value: object, shape: Sequence[int | SymInt], fi
     return value
 
 
-def is_autocast(device: torch.device) -> bool:
-    """Whether autocast widens the operators' tensors there; PyTorch raises if asked about the meta device."""
-    return device.type in ("cpu", "cuda") and torch.is_autocast_enabled(device.type)
+def computed_dtype(value: Tensor) -> torch.dtype:
+    """What the operator gets: autocast makes float32 of half types, and leaves all others alone."""
+    half = value.dtype in (torch.float16, torch.bfloat16)
+    # PyTorch raises if asked about autocast on the meta device.
+    autocast = value.device.type in ("cpu", "cuda") and torch.is_autocast_enabled(value.device.type)
+    return torch.float32 if half and autocast else value.dtype
 
 
 def surely(condition: bool | SymBool) -> bool:

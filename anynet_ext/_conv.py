@@ -36,6 +36,12 @@ def conv3x3(
     (oneDNN's) convolutions for other kernel sizes, for rows much shorter than a vector (16 pixels), and on GPUs for
     more than 16 channels. On CUDA tensors the derivatives are PyTorch's own.
 
+    On the CPU, float32 layers of stride 1 and enough channels, and their gradients by the input, use Winograd's
+    algorithm: `conv3x3` if C * O >= 4 * (C + O), or 6 * (C + O) with AVX-512 or on Arm; `conv3x3x3` if C and O are at
+    least 8 or, without AVX-512 and not on Arm, if C >= 2 and O >= 4. It computes tiles of up to 3 outputs along an
+    axis. Rounding errors are then relative to the largest pixel that a tile sees, and a pixel that is NaN, infinite or
+    near overflow can make all of the tile NaN or infinite.
+
     Args:
         input: [N, C, H, W], float32 or float64, 1 <= C <= 64; made contiguous if it is not.
         weight: [O, C, 3, 3], 1 <= O <= 64.
@@ -45,9 +51,9 @@ def conv3x3(
         relu_in, relu_out: ReLU before and after the convolution.
 
     Returns:
-        [N, O, (H - 1) // stride + 1, (W - 1) // stride + 1]. Differentiable in every tensor; the gradients repeat bit
-        for bit whatever the number of threads. There is no second derivative. Under autocast it computes in float32,
-        and returns that. On the CPU, what is NaN before `relu_in` has no gradient.
+        [N, O, (H - 1) // stride + 1, (W - 1) // stride + 1]. Differentiable in every tensor; on the CPU the gradients
+        repeat bit for bit whatever the number of threads. There is no second derivative. Under autocast half types
+        give float32. On the CPU, what is NaN before `relu_in` has no gradient.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.
@@ -71,8 +77,7 @@ def conv3x3x3(
 ) -> Tensor:
     """`conv3x3` with one dimension more: input [N, C, D, H, W], weight [O, C, 3, 3, 3], padding 1 all round.
 
-    float32 layers of 8 channels and more, in and out, use Winograd's algorithm: an input that is NaN or infinite then
-    makes a few outputs beside those that see it NaN, too.
+    Which layers use Winograd's algorithm, and what that means for rounding and NaN, is told there.
     """
     _check("conv3x3x3", 3, input, weight, bias, stride, scale, shift)
     out: Tensor = torch.ops.anynet.conv3x3x3(input, weight, bias, scale, shift, stride, relu_in, relu_out)
@@ -146,13 +151,13 @@ def _check(
     _checks.integer(op, "stride", stride)
     if stride not in (1, 2):
         raise ValueError(f"{op}: expected stride 1 or 2, got {stride}")
-    if not _checks.is_autocast(input.device):
-        dtypes = {t.dtype for t in (input, weight, bias, scale, shift) if t is not None}
-        if len(dtypes) > 1 or not dtypes <= {torch.float32, torch.float64}:
-            raise TypeError(
-                f"{op}: expected tensors of one dtype, float32 or float64, got "
-                f"{', '.join(sorted(str(dtype) for dtype in dtypes))}"
-            )
+    tensors = [t for t in (input, weight, bias, scale, shift) if t is not None]
+    dtypes = {_checks.computed_dtype(t) for t in tensors}
+    if len(dtypes) > 1 or not dtypes <= {torch.float32, torch.float64}:
+        raise TypeError(
+            f"{op}: expected tensors of one dtype, float32 or float64, got "
+            f"{', '.join(sorted({str(t.dtype) for t in tensors}))}"
+        )
 
 
 def _register(name: str, dimensions: int) -> None:

@@ -10,6 +10,8 @@ from torch import Tensor
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
 from anynet_ext._register import overridable, register, register_inference
 
+FARTHEST = 2**29  # offset, of either sign
+
 
 @overridable
 def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, first: int = 0, last: int = 0) -> Tensor:
@@ -25,17 +27,23 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
     Args:
         left, right: [N, C, H, W] features of the two views. float32, float64, float16 or bfloat16, any layout.
         disparity: [N, 1, H, W], pixels, same dtype and device; None means 0 everywhere.
-        first, last: the range of offsets in pixels, both included, first <= last.
+        first, last: the range of offsets in pixels, both included, first <= last, at most 2^29 either way.
 
     Returns:
-        [N, last - first + 1, H, W], contiguous. Half types are computed in float32 and rounded once. Under
-        autocast the result is float32. There is no second derivative.
+        [N, last - first + 1, H, W], contiguous. Half types are computed in float32 and rounded once; under
+        autocast they give float32. There is no second derivative.
 
     Raises:
-        TypeError, ValueError: if an argument has the wrong type, dtype, device or shape, or first > last.
+        TypeError, ValueError: if an argument has the wrong type, dtype, device or shape, or the offsets a wrong range.
 
     Source: AnyNet paper (arXiv 1810.11408), sections III-B and III-C, Fig. 3.
     """
+    _check(left, right, disparity, first, last)
+    out: Tensor = torch.ops.anynet.cost_volume(left, right, disparity, first, last)
+    return out
+
+
+def _check(left: Tensor, right: Tensor, disparity: Tensor | None, first: int, last: int) -> None:
     _checks.tensor("cost_volume", "left", left, "N, C, H, W")
     _checks.matches("cost_volume", "right", right, left.shape, left)
     if disparity is not None:
@@ -45,8 +53,8 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
     _checks.integer("cost_volume", "last", last)
     if first > last:
         raise ValueError(f"cost_volume: expected first <= last, got first {first} and last {last}")
-    out: Tensor = torch.ops.anynet.cost_volume(left, right, disparity, first, last)
-    return out
+    if first < -FARTHEST or last > FARTHEST:
+        raise ValueError(f"cost_volume: expected offsets of at most 2^29 either way, got first {first} and last {last}")
 
 
 @overridable
@@ -59,7 +67,7 @@ def cost_volume_affine_relu(
         left: [N, C, H, W] float32, contiguous; the G groups of channels of a pair are G samples of the batch.
         right: [N, C, H, W] float32.
         disparity: [N, 1, H, W] or None.
-        first, last: the offsets to compare at.
+        first, last: the range of offsets in pixels, as for `cost_volume`.
         scale, shift: [G], for sample n those at n % G.
 
     Returns:
@@ -73,6 +81,7 @@ def cost_volume_affine_relu(
 
 
 def _fake(left: Tensor, right: Tensor, disparity: Tensor | None = None, first: int = 0, last: int = 0) -> Tensor:
+    _check(left, right, disparity, first, last)
     n, _, h, w = left.shape
     return left.new_empty(n, last - first + 1, h, w)
 

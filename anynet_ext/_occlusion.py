@@ -18,7 +18,7 @@ def fill_occlusions(disparity: Tensor, pixel: float) -> Tensor:
 
     Args:
         disparity: [N, 1, H, W] float32, contiguous, finite.
-        pixel: the width of a column in disparity's unit, finite and above 0.
+        pixel: the width of a column in disparity's unit, finite and above 0 as float32.
 
     Returns:
         [N, 1, H, W].

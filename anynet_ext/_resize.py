@@ -33,7 +33,7 @@ def resize(
         align_corners: whether corner pixels' centers meet (True) or pixels are areas (False).
 
     Returns:
-        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once; under autocast they give
         float32. There is no second derivative.
 
     Raises:

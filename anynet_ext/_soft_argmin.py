@@ -20,23 +20,28 @@ def soft_argmin(cost: Tensor, first: int = 0) -> Tensor:
         first: the disparity, in pixels, of `cost[:, 0]`.
 
     Returns:
-        [N, 1, H, W], disparity in pixels. Half types are computed in float32 and rounded once. Under
-        autocast the result is float32. There is no second derivative.
+        [N, 1, H, W], disparity in pixels. Half types are computed in float32 and rounded once; under
+        autocast they give float32. There is no second derivative.
 
     Raises:
         TypeError, ValueError: if an argument has the wrong type, dtype or shape.
 
     Source: Kendall et al. 2017, eq. 1; AnyNet paper (arXiv 1810.11408), section III-B.
     """
-    _checks.tensor("soft_argmin", "cost", cost, "N, D, H, W")
-    _checks.integer("soft_argmin", "first", first)
-    if _checks.surely(cost.shape[1] == 0):
-        raise ValueError(f"soft_argmin: expected cost of shape [N, D, H, W] with D >= 1, got {list(cost.shape)}")
+    _check(cost, first)
     out: Tensor = torch.ops.anynet.soft_argmin(cost, first)
     return out
 
 
+def _check(cost: Tensor, first: int) -> None:
+    _checks.tensor("soft_argmin", "cost", cost, "N, D, H, W")
+    _checks.integer("soft_argmin", "first", first)
+    if _checks.surely(cost.shape[1] == 0):
+        raise ValueError(f"soft_argmin: expected cost of shape [N, D, H, W] with D >= 1, got {list(cost.shape)}")
+
+
 def _fake(cost: Tensor, first: int = 0) -> Tensor:
+    _check(cost, first)
     n, _, h, w = cost.shape
     return cost.new_empty(n, 1, h, w)
 

@@ -27,7 +27,7 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
         direction: 0 left to right, 1 right to left, 2 top to bottom, 3 bottom to top.
 
     Returns:
-        h, [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        h, [N, C, H, W], contiguous. Half types are computed in float32 and rounded once; under autocast they give
         float32. There is no second derivative.
 
     Raises:
@@ -35,14 +35,18 @@ def spatial_propagation(input: Tensor, gates: Tensor, direction: int) -> Tensor:
 
     Source: Liu et al. 2017, section 3.2; AnyNet paper (arXiv 1810.11408), section III-D.
     """
+    _check(input, gates, direction)
+    out: Tensor = torch.ops.anynet.spatial_propagation(input, gates, direction)
+    return out
+
+
+def _check(input: Tensor, gates: Tensor, direction: int) -> None:
     _checks.tensor("spatial_propagation", "input", input, "N, C, H, W")
     n, c, h, w = input.shape
     _checks.matches("spatial_propagation", "gates", gates, (n, 3, c, h, w), input)
     _checks.integer("spatial_propagation", "direction", direction)
     if direction not in (0, 1, 2, 3):
         raise ValueError(f"spatial_propagation: expected direction 0, 1, 2 or 3, got {direction}")
-    out: Tensor = torch.ops.anynet.spatial_propagation(input, gates, direction)
-    return out
 
 
 @overridable
@@ -61,6 +65,7 @@ def normalized_propagation(input: Tensor, gates: Tensor, direction: int) -> Tens
 
 
 def _fake(input: Tensor, gates: Tensor, direction: int) -> Tensor:
+    _check(input, gates, direction)
     return input.new_empty(input.shape)
 
 

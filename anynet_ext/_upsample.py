@@ -44,8 +44,9 @@ def upsample_sum(
     if out is None:
         result: Tensor = torch.ops.anynet.upsample_sum(*terms, height, width)
         return result
-    if tuple(out.shape) != (height, width):
-        raise RuntimeError(f"upsample_sum: expected out of shape [{height}, {width}], got {list(out.shape)}")
+    if not isinstance(out, Tensor) or tuple(out.shape) != (height, width):
+        came = list(out.shape) if isinstance(out, Tensor) else type(out).__name__
+        raise RuntimeError(f"upsample_sum: expected out of shape [{height}, {width}], got {came}")
     if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (out, *maps)):
         raise RuntimeError("upsample_sum: expected out and maps that do not require gradients: it is for inference")
     torch.ops.anynet.upsample_sum.out(*terms, out=out)

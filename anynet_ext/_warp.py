@@ -24,7 +24,7 @@ def warp(image: Tensor, disparity: Tensor) -> Tensor:
         disparity: [N, 1, H, W], pixels, same dtype and device as image.
 
     Returns:
-        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once. Under autocast the result is
+        [N, C, H, W], contiguous. Half types are computed in float32 and rounded once; under autocast they give
         float32. There is no second derivative.
 
     Raises:
@@ -32,14 +32,19 @@ def warp(image: Tensor, disparity: Tensor) -> Tensor:
 
     Source: AnyNet paper (arXiv 1810.11408), section III-C.
     """
-    _checks.tensor("warp", "image", image, "N, C, H, W")
-    n, _, h, w = image.shape
-    _checks.matches("warp", "disparity", disparity, (n, 1, h, w), image)
+    _check(image, disparity)
     out: Tensor = torch.ops.anynet.warp(image, disparity)
     return out
 
 
+def _check(image: Tensor, disparity: Tensor) -> None:
+    _checks.tensor("warp", "image", image, "N, C, H, W")
+    n, _, h, w = image.shape
+    _checks.matches("warp", "disparity", disparity, (n, 1, h, w), image)
+
+
 def _fake(image: Tensor, disparity: Tensor) -> Tensor:
+    _check(image, disparity)
     return image.new_empty(image.shape)
 
 

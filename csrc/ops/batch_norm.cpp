@@ -47,8 +47,7 @@ std::tuple<Tensor, Tensor, Tensor> batch_norm_relu_backward(const Tensor& grad, 
   check_batch_norm(op, input, weight, bias, eps);
   check_tensor(op, "mean", mean, {input.size(1)}, input);
   check_tensor(op, "variance", variance, {input.size(1)}, input);
-  ANYNET_CHECK(shape(grad) == shape(input) && grad.scalar_type() == input.scalar_type(), op,
-               ": expected grad of input's shape and dtype, got ", shape(grad));
+  check_tensor(op, "grad", grad, input.sizes(), input);
   const Tensor g = make_contiguous(grad), x = make_contiguous(input), w = make_contiguous(weight),
                b = make_contiguous(bias);
   const Tensor m = make_contiguous(mean), v = make_contiguous(variance);

@@ -43,9 +43,10 @@ std::vector<int64_t> conv_out_sizes(const std::vector<int64_t>& sizes, int64_t o
   return result;
 }
 
-void check_conv_input(const char* op, const Tensor& input, int64_t dimensions, int64_t stride) {
-  bool sized = input.dim() == dimensions + 2 && input.size(1) >= 1 && input.size(1) <= conv_channels;
-  for (int64_t i = 2; sized && i < input.dim(); ++i) sized = input.size(i) >= 1;
+void check_conv_input(const char* op, const std::vector<int64_t>& input, int64_t dimensions, int64_t stride) {
+  bool sized = static_cast<int64_t>(input.size()) == dimensions + 2 && input[0] >= 0 && input[1] >= 1 &&
+               input[1] <= conv_channels;
+  for (size_t i = 2; sized && i < input.size(); ++i) sized = input[i] >= 1;
   ANYNET_CHECK(sized, op, ": expected input of shape [N, C, ", dimensions == 3 ? "D, " : "", "H, W] with C in 1..",
                conv_channels, " and at least one pixel, got ", shape(input));
   ANYNET_CHECK(stride == 1 || stride == 2, op, ": expected stride 1 or 2, got ", stride);
@@ -62,7 +63,8 @@ void check_conv_vector(const char* op, const char* name, const std::optional<Ten
                        const Tensor& input) {
   if (!vector) return;
   ANYNET_CHECK(vector->dim() == 1 && vector->size(0) == channels && vector->scalar_type() == input.scalar_type(), op,
-               ": expected ", name, " of shape [", channels, "] and the input's dtype, got ", shape(*vector));
+               ": expected ", name, " as ", dtype_name(input.scalar_type()), " [", channels, "], got ",
+               described(*vector));
   check_device(op, name, *vector, input);
 }
 
@@ -102,9 +104,10 @@ template <int64_t dimensions>
 Tensor conv(const Tensor& input, const Tensor& weight, std::optional<Tensor> bias, std::optional<Tensor> scale,
             std::optional<Tensor> shift, int64_t stride, bool relu_in, bool relu_out) {
   const char* op = conv_name(dimensions);
-  check_conv_input(op, input, dimensions, stride);
+  check_conv_input(op, sizes(input), dimensions, stride);
   check_conv_weight(op, "weight", weight, dimensions, input.size(1));
-  ANYNET_CHECK(weight.scalar_type() == input.scalar_type(), op, ": expected input and weight of one dtype");
+  ANYNET_CHECK(weight.scalar_type() == input.scalar_type(), op, ": expected input and weight of one dtype, got ",
+               dtype_name(input.scalar_type()), " and ", dtype_name(weight.scalar_type()));
   check_device(op, "weight", weight, input);
   check_conv_vector(op, "bias", bias, weight.size(0), input);
   check_conv_vector(op, "scale", scale, input.size(1), input);
@@ -142,7 +145,7 @@ Tensor conv_chain(const Tensor& input, const std::vector<Tensor>& weights,
   ANYNET_CHECK(layers > 0 && biases.size() == layers, op, ": expected at least one weight and as many biases, got ",
                layers, " and ", biases.size());
   check_contiguous(op, "input", input, dimensions + 2);
-  check_conv_input(op, input, dimensions, 1);
+  check_conv_input(op, sizes(input), dimensions, 1);
   for (size_t i = 0; i < layers; ++i) {
     check_conv_weight(op, "weights", weights[i], dimensions, i == 0 ? input.size(1) : weights[i - 1].size(0));
     check_contiguous(op, "weights", weights[i], dimensions + 2);
@@ -170,14 +173,16 @@ Tensor conv_chain(const Tensor& input, const std::vector<Tensor>& weights,
 template <int64_t dimensions>
 Tensor conv_backward_input(const Tensor& grad, const Tensor& weight, std::optional<Tensor> before,
                            std::vector<int64_t> input_size, int64_t stride) {
-  Tensor grad_input = new_tensor(grad, input_size);
-  check_conv_input(conv_name(dimensions), grad_input, dimensions, stride);
+  check_conv_input(conv_name(dimensions), input_size, dimensions, stride);
   check_conv_weight(conv_name(dimensions), "weight", weight, dimensions, input_size[1]);
-  ANYNET_CHECK(
-      sizes(grad) == conv_out_sizes(input_size, weight.size(0), stride) && grad.scalar_type() == weight.scalar_type(),
-      conv_name(dimensions), ": expected grad of the output's shape and dtype, got ", shape(grad));
+  const std::vector<int64_t> out_size = conv_out_sizes(input_size, weight.size(0), stride);
+  ANYNET_CHECK(sizes(grad) == out_size && grad.scalar_type() == weight.scalar_type(), conv_name(dimensions),
+               ": expected grad as ", dtype_name(weight.scalar_type()), " ", shape(out_size), ", got ",
+               described(grad));
   ANYNET_CHECK(!before || (sizes(*before) == input_size && before->scalar_type() == grad.scalar_type()),
-               conv_name(dimensions), ": expected before of the input's shape and dtype, got ", shape(*before));
+               conv_name(dimensions), ": expected before as ", dtype_name(grad.scalar_type()), " ", shape(input_size),
+               ", got ", described(*before));
+  Tensor grad_input = new_tensor(grad, input_size);
   const Tensor g = make_contiguous(grad), w = make_contiguous(weight);
   const auto x = contiguous_or_none(before);
   dispatch_wide(grad.scalar_type(), conv_name(dimensions), [&](auto element) {
@@ -193,12 +198,12 @@ template <int64_t dimensions>
 std::tuple<Tensor, Tensor> conv_backward_weight(const Tensor& grad, const Tensor& input, std::optional<Tensor> scale,
                                                 std::optional<Tensor> shift, int64_t stride, bool relu_in) {
   const char* op = conv_name(dimensions);
-  check_conv_input(op, input, dimensions, stride);
+  check_conv_input(op, sizes(input), dimensions, stride);
   ANYNET_CHECK(grad.dim() == input.dim() && grad.size(1) <= conv_channels &&
                    sizes(grad) == conv_out_sizes(sizes(input), grad.size(1), stride) &&
                    grad.scalar_type() == input.scalar_type(),
-               conv_name(dimensions), ": expected grad of the output's shape and dtype for input ", shape(input),
-               ", got ", shape(grad));
+               conv_name(dimensions), ": expected grad of the output's shape and dtype for input ", described(input),
+               ", got ", described(grad));
   check_conv_vector(op, "scale", scale, input.size(1), input);
   check_conv_vector(op, "shift", shift, input.size(1), input);
   ANYNET_CHECK(scale.has_value() == shift.has_value(), conv_name(dimensions),

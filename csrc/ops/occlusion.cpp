@@ -9,11 +9,13 @@ namespace {
 
 Tensor fill_occlusions(const Tensor& disparity, double pixel) {
   check_contiguous("fill_occlusions", "disparity", disparity, 4);
-  ANYNET_CHECK(pixel > 0 && std::isfinite(pixel), "fill_occlusions: expected a finite pixel above 0, got ", pixel);
+  const float width_of_pixel = static_cast<float>(pixel);  // may become 0 or infinite
+  ANYNET_CHECK(width_of_pixel > 0 && std::isfinite(width_of_pixel),
+               "fill_occlusions: expected as float32 a finite pixel above 0, got ", pixel);
   Tensor out = new_like(disparity);
   if (out.numel() == 0) return out;
   const int64_t width = disparity.size(3);
-  const FillOcclusions<float> args{disparity.numel() / width, width, data<float>(disparity), static_cast<float>(pixel),
+  const FillOcclusions<float> args{disparity.numel() / width, width, data<float>(disparity), width_of_pixel,
                                    data<float>(out)};
   ANYNET_RUN(fill_occlusions, args, disparity);
   return out;

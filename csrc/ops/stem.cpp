@@ -14,10 +14,10 @@ Tensor stem(const Tensor& left, const Tensor& right, const Tensor& mean, const T
   const int64_t channels = bias_first.numel();
   check_contiguous("stem", "mean", mean, 1);
   check_contiguous("stem", "weight_first", weight_first, 4);
-  check_contiguous("stem", "bias_first", bias_first, 1);
   check_contiguous("stem", "weight_second", weight_second, 4);
   check_tensor("stem", "mean", mean, {3}, mean);
   check_tensor("stem", "weight_first", weight_first, {channels, 3, 3, 3}, mean);
+  check_vector("stem", "bias_first", bias_first, channels, mean);
   check_tensor("stem", "weight_second", weight_second, {channels, channels, 3, 3}, mean);
   const AffineRelu<float> epilogue = affine_relu("stem", scale, shift, channels, mean);
   const auto padded = [&](int64_t size) { return (size + multiple - 1) / multiple * multiple; };

@@ -35,6 +35,48 @@ std::string shape(const Sizes& sizes) {
 
 inline std::string shape(const Tensor& t) { return shape(t.sizes()); }
 
+/// As PyTorch's users write it.
+inline const char* dtype_name(ScalarType dtype) {
+  switch (dtype) {
+    case ScalarType::Float:
+      return "float32";
+    case ScalarType::Double:
+      return "float64";
+    case ScalarType::Half:
+      return "float16";
+    case ScalarType::BFloat16:
+      return "bfloat16";
+    case ScalarType::Byte:
+      return "uint8";
+    case ScalarType::Char:
+      return "int8";
+    case ScalarType::Short:
+      return "int16";
+    case ScalarType::Int:
+      return "int32";
+    case ScalarType::Long:
+      return "int64";
+    case ScalarType::Bool:
+      return "bool";
+    default:
+      return torch::headeronly::toString(dtype);
+  }
+}
+
+inline std::string device_name(const Tensor& t) {
+  const auto device = t.device();
+  if (device.is_cuda()) return "cuda:" + std::to_string(device.index());
+  return device.is_cpu() ? "cpu" : "another kind of device";
+}
+
+/// "float64 [1, 3, 4]"
+inline std::string described(const Tensor& t) { return dtype_name(t.scalar_type()) + (" " + shape(t)); }
+
+/// The same, with strides if these are not a contiguous tensor's.
+inline std::string described_layout(const Tensor& t) {
+  return described(t) + (t.is_contiguous() ? "" : " of strides " + shape(t.strides()));
+}
+
 template <class... Parts>
 [[noreturn]] void fail(const Parts&... parts) {
   std::ostringstream s;
@@ -51,25 +93,25 @@ template <class... Parts>
   if (!(condition)) ::anynet::ops::fail(__VA_ARGS__)
 
 inline void check_device(const char* op, const char* name, const Tensor& t, const Tensor& first) {
-  ANYNET_CHECK(t.device() == first.device(), op, ": expected all tensors on one device, but ", name, " is on another");
+  ANYNET_CHECK(t.device() == first.device(), op, ": expected all tensors on one device, got ", device_name(first),
+               " and, for ", name, ", ", device_name(t));
 }
 
 /// Checks that `t` has the given sizes, and the dtype and device of `first`, the call's first tensor.
-inline void check_tensor(const char* op, const char* name, const Tensor& t, std::initializer_list<int64_t> sizes,
-                         const Tensor& first) {
+template <class Sizes = std::initializer_list<int64_t>>
+void check_tensor(const char* op, const char* name, const Tensor& t, const Sizes& sizes, const Tensor& first) {
   bool fits = t.dim() == static_cast<int64_t>(sizes.size());
-  for (int64_t i = 0; fits && i < t.dim(); ++i) fits = t.size(i) == sizes.begin()[i];
+  for (int64_t i = 0; fits && i < t.dim(); ++i) fits = t.size(i) == std::data(sizes)[i];
   ANYNET_CHECK(fits, op, ": expected ", name, " of shape ", shape(sizes), ", got ", shape(t));
   ANYNET_CHECK(t.scalar_type() == first.scalar_type(), op, ": expected all tensors of one dtype, got ",
-               torch::headeronly::toString(first.scalar_type()), " and, for ", name, ", ",
-               torch::headeronly::toString(t.scalar_type()));
+               dtype_name(first.scalar_type()), " and, for ", name, ", ", dtype_name(t.scalar_type()));
   check_device(op, name, t, first);
 }
 
 /// Checks that `t` is a tensor as the deployed network's operators take it.
 inline void check_contiguous(const char* op, const char* name, const Tensor& t, int64_t dim) {
   ANYNET_CHECK(t.dim() == dim && t.scalar_type() == ScalarType::Float && t.is_contiguous(), op, ": expected ", name,
-               " as contiguous float32 tensor of ", dim, " dimensions, got ", shape(t));
+               " as contiguous float32 tensor of ", dim, " dimensions, got ", described_layout(t));
 }
 
 /// Checks that `t` is a float32 vector of so many elements, on the device of `first`.
@@ -81,7 +123,7 @@ inline void check_vector(const char* op, const char* name, const Tensor& t, int6
 inline void check_image(const char* op, const Tensor& image) {
   ANYNET_CHECK(image.dim() == 3 && image.size(0) > 0 && image.size(1) > 0 && image.size(2) == 3 &&
                    image.scalar_type() == ScalarType::Byte && image.is_contiguous(),
-               op, ": expected a contiguous uint8 image of shape [H, W, 3], got ", shape(image));
+               op, ": expected a contiguous uint8 image of shape [H, W, 3], got ", described_layout(image));
 }
 
 /// Checks two images of one size on the device of `first`.
@@ -95,6 +137,20 @@ inline void check_images(const char* op, const Tensor& left, const Tensor& right
 }
 
 constexpr int64_t max_size = int64_t{1} << 30;  // of a dimension whose indices kernels keep in 32 bits
+
+/// Checks the range of offsets at which the columns of `t` are compared. Disparities are clamped to 2^30 either way:
+/// with offsets and columns of half of it, that still leads outside.
+inline void check_offsets(const char* op, const char* what, int64_t first, int64_t last, const char* name,
+                          const Tensor& t) {
+  ANYNET_CHECK(first <= last, op, ": expected first <= last, got first ", first, " and last ", last);
+  int64_t span;
+  ANYNET_CHECK(!__builtin_sub_overflow(last, first, &span) && span < max_size && t.size(3) < max_size - span, op,
+               ": expected at most 2^30 columns and ", what, ", got first ", first, ", last ", last, " and ", name, " ",
+               shape(t));
+  constexpr int64_t most = max_size / 2;
+  ANYNET_CHECK(-most <= first && last <= most && t.size(3) <= most, op, ": expected at most 2^29 columns, and ", what,
+               " of at most 2^29 either way, got first ", first, ", last ", last, " and ", name, " ", shape(t));
+}
 
 /// Checks a size that was asked for, in pixels.
 inline void check_size(const char* op, int64_t height, int64_t width) {
@@ -120,10 +176,11 @@ View<const T, Rank> view(const Tensor& t) {
 ///
 /// Straight from PyTorch's allocator: the stable ABI's `new_empty` looks an operator up by its name in every call.
 template <class Sizes = std::initializer_list<int64_t>>
-Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarType> dtype = std::nullopt) {
+Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarType> dtype = std::nullopt,
+                  const char* what = "a result") {
   const int64_t* const size = std::data(sizes);
   std::vector<int64_t> strides(sizes.size());
-  uint64_t stride = 1;  // may overflow; PyTorch then says so
+  uint64_t stride = 1;  // may overflow; PyTorch then refuses
   for (size_t i = sizes.size(); i-- > 0;) {
     strides[i] = static_cast<int64_t>(stride);
     stride *= static_cast<uint64_t>(size[i] > 1 ? size[i] : 1);
@@ -134,8 +191,9 @@ Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarTy
   STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_get_device_type(like.get(), &device));
   STABLE_TORCH_ERROR_CODE_CHECK(aoti_torch_get_device_index(like.get(), &index));
   AtenTensorHandle result;
-  STABLE_TORCH_ERROR_CODE_CHECK(
-      aoti_torch_empty_strided(static_cast<int64_t>(sizes.size()), size, strides.data(), type, device, index, &result));
+  const AOTITorchError error =
+      aoti_torch_empty_strided(static_cast<int64_t>(sizes.size()), size, strides.data(), type, device, index, &result);
+  ANYNET_CHECK(error == AOTI_TORCH_SUCCESS, "expected memory for ", what, " of shape ", shape(sizes), ", got none");
   return Tensor(result);
 }
 
@@ -143,7 +201,12 @@ Tensor new_tensor(const Tensor& like, const Sizes& sizes, std::optional<ScalarTy
 inline Tensor new_like(const Tensor& like) { return new_tensor(like, like.sizes()); }
 
 /// The tensor itself if it is contiguous; or a copy.
-inline Tensor make_contiguous(const Tensor& t) { return t.is_contiguous() ? t : torch::stable::contiguous(t); }
+inline Tensor make_contiguous(const Tensor& t) {
+  if (t.is_contiguous()) return t;
+  Tensor copy = new_tensor(t, t.sizes(), std::nullopt, "a contiguous copy");
+  torch::stable::copy_(copy, t);
+  return copy;
+}
 
 template <class T>
 T* data(const Tensor& t) {
@@ -175,7 +238,7 @@ void dispatch_wide(ScalarType dtype, const char* op, const Body& body) {
     case ScalarType::Double:
       return body(double{});
     default:
-      fail(op, ": expected tensors of dtype float32 or float64, got ", torch::headeronly::toString(dtype));
+      fail(op, ": expected tensors of dtype float32 or float64, got ", dtype_name(dtype));
   }
 }
 
@@ -192,8 +255,7 @@ void dispatch(ScalarType dtype, const char* op, const Body& body) {
     case ScalarType::BFloat16:
       return body(bfloat16{});
     default:
-      fail(op, ": expected a tensor of dtype float32, float64, float16 or bfloat16, got ",
-           torch::headeronly::toString(dtype));
+      fail(op, ": expected a tensor of dtype float32, float64, float16 or bfloat16, got ", dtype_name(dtype));
   }
 }
 

@@ -22,7 +22,7 @@ UpsampleSum<float> sum_args(const std::vector<Tensor>& maps, const std::vector<i
   for (int i = 0; i < args.count; ++i) {
     const Tensor& map = maps[i];
     check_contiguous("upsample_sum", "maps", map, 2);
-    ANYNET_CHECK(map.device() == maps[0].device(), "upsample_sum: expected all tensors on one device");
+    check_device("upsample_sum", "maps", map, maps[0]);
     ANYNET_CHECK(ratios[i] > 0 && (ratios[i] & (ratios[i] - 1)) == 0,
                  "upsample_sum: expected ratios that are a power of two, got ", ratios[i]);
     // Not by multiplying, which could overflow.

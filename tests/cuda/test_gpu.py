@@ -112,3 +112,22 @@ def test_mixed_devices():
     t = inputs("cuda")
     with pytest.raises((RuntimeError, ValueError), match="device"):
         anynet_ext.warp(t["left"], t["disparity"].cpu())
+
+
+def test_mixed_devices_of_raw_operators():
+    """Tensors that no Python function checks, one at a time on the CPU."""
+    ops, image = torch.ops.anynet, torch.zeros(8, 8, 3, dtype=torch.uint8)
+    values, vector = torch.rand(2, 2, 4), torch.rand(2)
+    calls = [
+        (
+            ops.stem,
+            (image, image, torch.rand(3), torch.rand(2, 3, 3, 3), vector, torch.rand(2, 2, 3, 3), vector, vector),
+        ),
+        (ops.batch_norm_relu_backward, (values, values, *[vector] * 4)),
+    ]
+    for op, tensors in calls:
+        numbers = () if op is ops.stem else (1e-5,)
+        for i in range(len(tensors)):
+            mixed = [t if k == i else t.cuda() for k, t in enumerate(tensors)]
+            with pytest.raises(RuntimeError, match=r"expected all tensors on one device, got c.*, for .*, c"):
+                op(*mixed, *numbers)

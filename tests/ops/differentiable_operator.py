@@ -297,7 +297,7 @@ class DifferentiableOperator:
 
     @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16], ids=str)
     def test_autocast(self, call, dtype):
-        """Under autocast the operators compute in float32, whatever mixture of dtypes arrives."""
+        """Under autocast the operators compute in float32, also mixtures with half types."""
         tensors = [None if t is None else t.to(dtype if i == 0 else torch.float32) for i, t in enumerate(call.make())]
         leaves(tensors)
         with torch.autocast("cpu", dtype):
@@ -326,6 +326,16 @@ class DifferentiableOperator:
         with pytest.raises(RuntimeError) as caught:
             getattr(getattr(torch.ops, ops.namespace), name)(*args)
         assert str(caught.value).splitlines()[0] == message
+
+    def test_meta_tensors_are_checked_too(self, function_error):
+        """By the operator itself, where nothing else would."""
+        args, error, message = function_error
+        tensors = [a for a in args if isinstance(a, Tensor)]
+        if len({t.device for t in tensors}) > 1 or "to be" in message:
+            pytest.skip("no call that reaches it")
+        with pytest.raises(error) as caught:
+            getattr(torch.ops.anynet, self.op)(*[a.to("meta") if isinstance(a, Tensor) else a for a in args])
+        assert str(caught.value) == message
 
     def test_devices(self, call):
         """A CPU operator does not silently take a tensor without data."""

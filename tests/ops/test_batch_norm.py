@@ -144,10 +144,14 @@ def test_errors() -> None:
         anynet_ext.batch_norm_relu(input, weight.float(), bias)
     with pytest.raises(RuntimeError, match=r"weight of shape \[3\], got \[2\]"):
         torch.ops.anynet.batch_norm_relu(input, weight[:2], bias, 1e-5)
-    with pytest.raises(RuntimeError, match="dtype float32 or float64, got Half"):
+    with pytest.raises(RuntimeError, match="dtype float32 or float64, got float16"):
         torch.ops.anynet.batch_norm_relu(input.half(), weight.half(), bias.half(), 1e-5)
-    with pytest.raises(RuntimeError, match=r"grad of input's shape and dtype, got \[2, 3, 2\]"):
-        torch.ops.anynet.batch_norm_relu_backward(input[..., :2], input, weight, bias, weight, bias, 1e-5)
+    for grad, message in (
+        (input[..., :2], r"grad of shape \[2, 3, 4\], got \[2, 3, 2\]"),
+        (input.float(), "one dtype, got float64 and, for grad, float32"),
+    ):
+        with pytest.raises(RuntimeError, match=message):
+            torch.ops.anynet.batch_norm_relu_backward(grad, input, weight, bias, weight, bias, 1e-5)
 
 
 @pytest.mark.parametrize("offset", [0.0, 100.0])

@@ -44,11 +44,13 @@ class TestCandidateCosts(InferenceOperator):
         (wrong(FEATURES, FEATURES[:1]), r"disparity of shape \[1, 1, 3, 5\], got \[1, 4, 3, 5\]"),
         (wrong(groups=3), "groups to divide the 4 channels, got 3"),
         (wrong(groups=0), "groups to divide the 4 channels, got 0"),
+        (wrong(FEATURES[:, :0], groups=2**62), "groups to divide the 0 channels, got 4611686018427387904"),
         (wrong(first=2, last=-2), "first <= last, got first 2 and last -2"),
         (wrong(radius=-1), "radius of 0 to 1024, got -1"),
         (wrong(radius=1025), "radius of 0 to 1024, got 1025"),
         (wrong(radius=2**63 - 1), "radius of 0 to 1024, got 9223372036854775807"),
         (wrong(first=-(2**63), last=2**63 - 2), "at most 2\\^30 columns and residuals, got first -9223372036854775808"),
+        (wrong(first=-(2**31), last=-(2**31)), "residuals of at most 2\\^29 either way, got first -2147483648, last"),
         (wrong(first=0, last=2**30), "at most 2\\^30 columns and residuals, got first 0, last 1073741824"),
     ]
 

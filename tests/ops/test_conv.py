@@ -184,6 +184,19 @@ def test_gradients_that_are_not_finite_pass_relu_as_pytorchs(sizes: tuple[int, .
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.parametrize(
+    ("dimensions", "channels", "seen"),
+    [(2, (7, 9), 9), (2, (4, 64), 9), (2, (12, 12), 12), (3, (1, 8), 27), (3, (2, 3), 27), (3, (8, 8), 48)],
+)
+def test_nan_spreads_over_tiles_in_the_layers_that_are_documented(
+    dimensions: int, channels: tuple[int, int], seen: int
+) -> None:
+    input = torch.zeros(1, channels[0], *(9, 15, 64)[-dimensions:])
+    input[(0, 0, *(3, 6, 31)[-dimensions:])] = torch.nan  # in the first row and plane of tiles
+    weight = torch.ones(channels[1], channels[0], *[3] * dimensions)
+    assert OPERATORS[dimensions](input, weight)[0, 0].isnan().sum() == seen
+
+
 def test_any_layout() -> None:
     tensors = make((6, 20), (4, 5))
     expected = anynet_ext.conv3x3(**tensors)
@@ -290,6 +303,39 @@ def test_operator_checks_too(arguments: tuple[tuple[int, ...], ...], message: st
     tensors = [None if shape is None else torch.zeros(shape) for shape in arguments]
     with pytest.raises(RuntimeError, match=f"conv3x3: expected {message}"):
         torch.ops.anynet.conv3x3(*tensors, None, None, 1, False, False)
+
+
+def test_operators_tell_the_dtypes_that_came() -> None:
+    operators, x, weight = torch.ops.anynet, torch.zeros(2, 3, 4, 8), torch.zeros(5, 3, 3, 3)
+    grad = torch.zeros(2, 5, 4, 8)
+    for wrong_call, message in (
+        (lambda: operators.conv3x3(x, weight.double()), "input and weight of one dtype, got float32 and float64"),
+        (lambda: operators.conv3x3(x, weight, weight[:, 0, 0, 0].double()), "bias as float32 [5], got float64 [5]"),
+        (
+            lambda: operators.conv3x3_backward_input(grad.double(), weight, None, [2, 3, 4, 8], 1),
+            "grad as float32 [2, 5, 4, 8], got float64 [2, 5, 4, 8]",
+        ),
+        (
+            lambda: operators.conv3x3_backward_input(grad, weight, x.double(), [2, 3, 4, 8], 1),
+            "before as float32 [2, 3, 4, 8], got float64 [2, 3, 4, 8]",
+        ),
+        (
+            lambda: operators.conv3x3_backward_weight(grad.double(), x, None, None, 1, False),
+            "grad of the output's shape and dtype for input float32 [2, 3, 4, 8], got float64 [2, 5, 4, 8]",
+        ),
+    ):
+        with pytest.raises(RuntimeError) as caught:
+            wrong_call()
+        assert str(caught.value).splitlines()[0] == f"conv3x3: expected {message}"
+
+
+@pytest.mark.parametrize("sizes", [[2, 4, -3, 5], [-2, 4, 3, 5], [2, 4, 0, 5], [2, 65, 3, 5], [2, 4, 15], []])
+def test_the_gradient_checks_the_inputs_size(sizes: list[int]) -> None:
+    grad, weight = torch.zeros(2, 2, 3, 5), torch.zeros(2, 4, 3, 3)
+    with pytest.raises(RuntimeError) as caught:
+        torch.ops.anynet.conv3x3_backward_input(grad, weight, None, sizes, 1)
+    expected = f"conv3x3: expected input of shape [N, C, H, W] with C in 1..64 and at least one pixel, got {sizes}"
+    assert str(caught.value).splitlines()[0] == expected
 
 
 @pytest.mark.parametrize("dimensions", [2, 3])
@@ -408,7 +454,7 @@ class TestConvChain(InferenceOperator):
     errors: ClassVar = [
         (
             lambda: call(INPUT[0], WEIGHTS, BIASES),
-            r"input as contiguous float32 tensor of 4 dimensions, got \[2, 4, 5\]",
+            r"input as contiguous float32 tensor of 4 dimensions, got float32 \[2, 4, 5\]$",
         ),
         (
             lambda: call(INPUT, [normal(3, 1, 3, 3), WEIGHTS[1]], BIASES),
@@ -418,8 +464,8 @@ class TestConvChain(InferenceOperator):
             lambda: call(INPUT, [WEIGHTS[0], normal(2, 2, 3, 3)], BIASES),
             r"weights of shape \[O, 3, 3, 3\] .*\[2, 2, 3, 3\]",
         ),
-        (lambda: call(INPUT, WEIGHTS, [normal(2), None]), r"biases of shape \[3\] .* got \[2\]"),
-        (lambda: call(INPUT, WEIGHTS, [None, normal(3)]), r"biases of shape \[2\] .* got \[3\]"),
+        (lambda: call(INPUT, WEIGHTS, [normal(2), None]), r"biases as float32 \[3\], got float32 \[2\]"),
+        (lambda: call(INPUT, WEIGHTS, [None, normal(3)]), r"biases as float32 \[2\], got float32 \[3\]"),
         (lambda: call(INPUT, WEIGHTS, BIASES[:1]), "at least one weight and as many biases, got 2 and 1"),
         (lambda: call(INPUT, [], []), "at least one weight and as many biases, got 0 and 0"),
         (lambda: call(normal(2, 2, 0, 5), WEIGHTS, BIASES), "at least one pixel"),

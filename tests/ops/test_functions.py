@@ -80,6 +80,43 @@ def test_autocast_gives_float32(name: str) -> None:
         assert all(out.dtype == torch.float32 for out in _all(CALLS[name](X.bfloat16())))
 
 
+@pytest.mark.parametrize("name", ["batch_norm_relu", "conv3x3", "cost_volume", "resize", "soft_argmin", "warp"])
+def test_autocast_leaves_float64(name: str) -> None:
+    calls = CALLS | {
+        "batch_norm_relu": lambda x: anynet_ext.batch_norm_relu(x, torch.ones(2).to(x), torch.zeros(2).to(x)),
+        "conv3x3": lambda x: anynet_ext.conv3x3(x, torch.ones(3, 2, 3, 3).to(x), stride=2),
+    }
+    with torch.autocast("cpu"):
+        assert all(out.dtype == torch.float64 for out in _all(calls[name](X.double())))
+
+
+MIXTURES: dict[str, tuple[Callable[[], Any], str]] = {
+    "warp, float64": (
+        lambda: anynet_ext.warp(X.double(), X[:, :1]),
+        "warp: expected all tensors of one dtype, got torch.float64 and, for disparity, torch.float32",
+    ),
+    "warp, int64": (
+        lambda: anynet_ext.warp(X, X[:, :1].long()),
+        "warp: expected all tensors of one dtype, got torch.float32 and, for disparity, torch.int64",
+    ),
+    "conv3x3": (
+        lambda: anynet_ext.conv3x3(X.double(), torch.ones(1, 2, 3, 3).half()),
+        "conv3x3: expected tensors of one dtype, float32 or float64, got torch.float16, torch.float64",
+    ),
+    "batch_norm_relu": (
+        lambda: anynet_ext.batch_norm_relu(X.long(), torch.ones(2), torch.ones(2)),
+        "batch_norm_relu: expected tensors of dtype float32 or float64, got torch.int64",
+    ),
+}
+
+
+@pytest.mark.parametrize(("call", "message"), MIXTURES.values(), ids=MIXTURES.keys())
+def test_autocast_refuses_what_it_does_not_mend(call: Callable[[], Any], message: str) -> None:
+    with torch.autocast("cpu", torch.bfloat16), pytest.raises(TypeError) as caught:
+        call()
+    assert str(caught.value) == message
+
+
 def test_operators_have_their_functions_defaults() -> None:
     ops = torch.ops.anynet
     cost, weight = torch.rand(1, 4, 6, 7, requires_grad=True), torch.rand(2, 4, 3, 3, requires_grad=True)

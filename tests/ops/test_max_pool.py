@@ -24,6 +24,14 @@ class TestMaxPool(InferenceOperator):
     }
     errors: ClassVar = [
         (lambda: call(random(2, 4, 4), random(2), random(2)), "input as contiguous float32 tensor of 4 dimensions"),
+        (
+            lambda: call(random(1, 2, 4, 4).double(), random(2), random(2)),
+            r"input as contiguous float32 tensor of 4 dimensions, got float64 \[1, 2, 4, 4\]$",
+        ),
+        (
+            lambda: call(random(1, 2, 4, 4).mT, random(2), random(2)),
+            r"tensor of 4 dimensions, got float32 \[1, 2, 4, 4\] of strides \[32, 16, 1, 4\]$",
+        ),
         (lambda: call(random(1, 2, 4, 4), random(3), random(2)), r"scale of shape \[2\], got \[3\]"),
         (lambda: call(random(1, 2, 4, 4), random(2), random(1)), r"shift of shape \[2\], got \[1\]"),
     ]

@@ -41,5 +41,16 @@ def test_sizes_that_no_arithmetic_holds() -> None:
         torch.ops.anynet.warp(*[torch.zeros(1).expand(1, 1, 1, 2**31)] * 2)
 
 
+def test_results_and_copies_that_no_memory_holds() -> None:
+    row = torch.zeros(1, 1, 1, 2**16)
+    with pytest.raises(RuntimeError, match=r"memory for a result of shape \[1, 536870913, 1, 65536\], got none"):
+        anynet_ext.cost_volume(row, row, None, 0, 2**29)
+    large = torch.zeros(1).expand(1, 64, 2**20, 2**20)
+    with pytest.raises(
+        RuntimeError, match=r"memory for a contiguous copy of shape \[1, 64, 1048576, 1048576\], got none"
+    ):
+        anynet_ext.conv3x3(large, torch.ones(1, 64, 3, 3))
+
+
 def test_an_empty_result_needs_no_memory() -> None:
     assert anynet_ext.resize(torch.zeros(0, 1, 1, 1), (2**30, 1)).shape == (0, 1, 2**30, 1)

@@ -36,6 +36,8 @@ class TestFillOcclusions(InferenceOperator):
         (lambda: call(random(1, 1, 3, 4), -1.0), "finite pixel above 0, got -1"),
         (lambda: call(random(1, 1, 3, 4), float("nan")), "finite pixel above 0, got nan"),
         (lambda: call(random(1, 1, 3, 4), float("inf")), "finite pixel above 0, got inf"),
+        (lambda: call(random(1, 1, 3, 4), 1e-300), "as float32 a finite pixel above 0, got 1e-300"),
+        (lambda: call(random(1, 1, 3, 4), 1e300), "as float32 a finite pixel above 0, got 1e\\+300"),
     ]
 
 

@@ -75,6 +75,8 @@ def test_a_sum_into_memory_that_is_given() -> None:
     for wrong in (out.double(), out.t().contiguous().t(), out[None], out.to("meta")):
         with pytest.raises(RuntimeError, match=r"upsample_sum.*: expected (out|all tensors on one device)"):
             anynet_ext.upsample_sum(*args, **options, out=wrong)
+    with pytest.raises(RuntimeError, match=r"upsample_sum: expected out of shape \[77, 589\], got list"):
+        anynet_ext.upsample_sum(*args, **options, out=[1])
 
 
 @pytest.mark.parametrize("ratio", [2**40, 2**62])

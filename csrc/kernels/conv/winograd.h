@@ -6,8 +6,8 @@
 // The transforms cost additions per channel, so this pays where channels are many. Where they are few, it is F(3, 3)
 // over the height alone: the kernel slides over depth and width, and each plane is transformed once for three.
 //
-// All of it rounds differently from the direct kernel (by a few units in the last place), and a NaN or infinity spreads
-// over its whole tile.
+// All of it rounds by the largest pixel of a tile, where the direct kernel rounds by what each output sums, and a pixel
+// that is NaN or infinite, or that overflows in the transforms, spreads over its whole tile.
 #pragma once
 
 #include <limits>

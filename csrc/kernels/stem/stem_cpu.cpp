@@ -163,10 +163,16 @@ class Strip {
       for (int n = 0; n < N; ++n) {
         for (int v = 0; v < V; ++v) {
           T* out = first(r, o + n, 0) + j + v * L;
-          for (int phase = 0; phase < 4; ++phase) store(out + phase * pitch_, max<T>(sum[n][v][phase], vec<T>{}));
+          for (int phase = 0; phase < 4; ++phase) store(out + phase * pitch_, max<T>(vec<T>{}, sum[n][v][phase]));
         }
       }
     }
+  }
+
+  /// The larger of each pair; NaN if one of them is.
+  static vec<T> larger(vec<T> p, vec<T> q) {
+    const vec<T> most = max<T>(p, q);  // NaN if q is
+    return p != p ? p : most;
   }
 
   /// Row y of the output, of channels [o, o + N), to rows `plane` apart. (Not inlined either.)
@@ -191,11 +197,11 @@ class Strip {
             }
           }
         }
-        for (int n = 0; n < N; ++n) pooled[n][half] = max<T>(left[n], right[n]);
+        for (int n = 0; n < N; ++n) pooled[n][half] = larger(left[n], right[n]);
       }
       for (int n = 0; n < N; ++n) {
-        const vec<T> value = splat(a_.epilogue.scale[o + n]) * max<T>(pooled[n][0], pooled[n][1]);
-        store(result_ + n * pitch_ + j, max<T>(value + splat(a_.epilogue.shift[o + n]), vec<T>{}));
+        const vec<T> value = splat(a_.epilogue.scale[o + n]) * larger(pooled[n][0], pooled[n][1]);
+        store(result_ + n * pitch_ + j, max<T>(vec<T>{}, value + splat(a_.epilogue.shift[o + n])));
       }
     }
     for (int n = 0; n < N; ++n) {

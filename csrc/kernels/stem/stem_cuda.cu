@@ -89,7 +89,7 @@ __global__ void __launch_bounds__(threads_per_block) both_layers(Stem<T> a, int6
   }
   const int64_t height = a.height / 4, width = a.width / 4, y = y_begin + row, x = x_begin + column;
   if (y >= height || x >= width) return;
-  const auto larger = [](T p, T q) { return p < q ? q : p; };
+  const auto larger = [](T p, T q) { return p < q || q != q ? q : p; };  // keeps NaN
 #pragma unroll
   for (int o = 0; o < outputs; ++o) {
     const T largest = larger(larger(sums[o][0], sums[o][1]), larger(sums[o][2], sums[o][3]));

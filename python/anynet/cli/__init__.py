@@ -82,8 +82,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _out_of_memory(error: Exception) -> bool:
-    """PyTorch tells it of tensors as a RuntimeError, and from 2.15 on of operators' scratch, too."""
-    messages = "can't allocate memory", "expected enough memory for the operator's scratch"
+    """PyTorch tells it of tensors as a RuntimeError, as operators do of results, and from 2.15 on of their scratch."""
+    messages = "can't allocate memory", "expected memory for", "expected enough memory for the operator's scratch"
     return isinstance(error, MemoryError) or any(message in str(error) for message in messages)
 
 

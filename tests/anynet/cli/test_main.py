@@ -131,8 +131,12 @@ def test_errors_are_one_line(
 
 @pytest.mark.parametrize(
     "call",
-    [lambda: torch.empty(2**50), lambda: anynet_ext.cost_volume(*[torch.zeros(1).expand(1, 2**44, 1, 1)] * 2)],
-    ids=["a tensor", "an operator's scratch"],
+    [
+        lambda: torch.empty(2**50),
+        lambda: anynet_ext.cost_volume(*[torch.zeros(1).expand(1, 2**44, 1, 1)] * 2),
+        lambda: anynet_ext.cost_volume(*[torch.zeros(1, 1, 1, 2**16)] * 2, None, 0, 2**29),
+    ],
+    ids=["a tensor", "an operator's scratch", "an operator's result"],
 )
 def test_memory_that_is_not_there(run: Run, monkeypatch: pytest.MonkeyPatch, call: Callable[[], object]) -> None:
     monkeypatch.setattr(cli, "_application", lambda chosen: call())
