@@ -15,7 +15,7 @@ from anynet.model import presets
 from anynet.model.config import FirstStageConfig
 
 # Of more channels than our own operators take, which compute in float32 under autocast.
-WIDE = AnyNetConfig(first_stage=FirstStageConfig(channels=40, layers=1))
+WIDE = AnyNetConfig(first_stage=FirstStageConfig(channels=72, layers=1))
 
 
 @pytest.mark.slow
