@@ -20,7 +20,7 @@ def candidate_costs(features: Tensor, disparity: Tensor, groups: int, first: int
         features: [2, C, H, W] float32, contiguous: of the left and the right image.
         disparity: [1, 1, H, W] float32, contiguous, finite, in the features' pixels.
         groups: of channels, each with costs of its own.
-        first, last: the range of residuals in pixels, both included, at most 2^29 either way.
+        first, last: the range of residuals in pixels, both included.
         radius: of the window, 0 to 1024 pixels.
 
     Returns:

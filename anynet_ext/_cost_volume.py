@@ -10,8 +10,6 @@ from torch import Tensor
 from anynet_ext import _checks, _library  # noqa: F401  (loads the operators)
 from anynet_ext._register import overridable, register, register_inference
 
-FARTHEST = 2**29  # offset, of either sign
-
 
 @overridable
 def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, first: int = 0, last: int = 0) -> Tensor:
@@ -27,14 +25,14 @@ def cost_volume(left: Tensor, right: Tensor, disparity: Tensor | None = None, fi
     Args:
         left, right: [N, C, H, W] features of the two views. float32, float64, float16 or bfloat16, any layout.
         disparity: [N, 1, H, W], pixels, same dtype and device; None means 0 everywhere.
-        first, last: the range of offsets in pixels, both included, first <= last, at most 2^29 either way.
+        first, last: the range of offsets in pixels, both included, first <= last.
 
     Returns:
         [N, last - first + 1, H, W], contiguous. Half types are computed in float32 and rounded once; under
         autocast they give float32. There is no second derivative.
 
     Raises:
-        TypeError, ValueError: if an argument has the wrong type, dtype, device or shape, or the offsets a wrong range.
+        TypeError, ValueError: if an argument has the wrong type, dtype, device or shape, or first > last.
 
     Source: AnyNet paper (arXiv 1810.11408), sections III-B and III-C, Fig. 3.
     """
@@ -53,8 +51,6 @@ def _check(left: Tensor, right: Tensor, disparity: Tensor | None, first: int, la
     _checks.integer("cost_volume", "last", last)
     if first > last:
         raise ValueError(f"cost_volume: expected first <= last, got first {first} and last {last}")
-    if first < -FARTHEST or last > FARTHEST:
-        raise ValueError(f"cost_volume: expected offsets of at most 2^29 either way, got first {first} and last {last}")
 
 
 @overridable
@@ -67,7 +63,7 @@ def cost_volume_affine_relu(
         left: [N, C, H, W] float32, contiguous; the G groups of channels of a pair are G samples of the batch.
         right: [N, C, H, W] float32.
         disparity: [N, 1, H, W] or None.
-        first, last: the range of offsets in pixels, as for `cost_volume`.
+        first, last: the offsets to compare at.
         scale, shift: [G], for sample n those at n % G.
 
     Returns:

@@ -16,14 +16,18 @@ Tensor candidate_costs(const Tensor& features, const Tensor& disparity, int64_t 
   check_tensor("candidate_costs", "disparity", disparity, {1, 1, height, width}, features);
   ANYNET_CHECK(groups > 0 && groups <= channels && channels % groups == 0,  // any number divides 0
                "candidate_costs: expected groups to divide the ", channels, " channels, got ", groups);
-  check_offsets("candidate_costs", "residuals", first, last, "features", features);
+  ANYNET_CHECK(first <= last, "candidate_costs: expected first <= last, got first ", first, " and last ", last);
+  int64_t span;
+  ANYNET_CHECK(!__builtin_sub_overflow(last, first, &span) && span < max_size && width < max_size - span,
+               "candidate_costs: expected at most 2^30 columns and residuals, got first ", first, ", last ", last,
+               " and features ", shape(features));
   ANYNET_CHECK(0 <= radius && radius <= max_radius, "candidate_costs: expected a radius of 0 to ", max_radius, ", got ",
                radius);
-  Tensor out = new_tensor(features, {1, groups * (last - first + 3) + channels + 2, height, width});
+  Tensor out = new_tensor(features, {1, groups * (span + 3) + channels + 2, height, width});
   if (out.numel() == 0) return out;
   const CandidateCosts<float> args{
-      channels, groups,           height, width,           data<float>(features), data<float>(disparity),
-      first,    last - first + 1, radius, data<float>(out)};
+      channels, groups,   height, width,           data<float>(features), data<float>(disparity),
+      first,    span + 1, radius, data<float>(out)};
   ANYNET_RUN(candidate_costs, args, features);
   return out;
 }

@@ -14,7 +14,11 @@ void check_cost_volume(const char* op, const Tensor& left, const Tensor& right, 
   if (disparity.has_value()) {
     check_tensor(op, "disparity", *disparity, {left.size(0), 1, left.size(2), left.size(3)}, left);
   }
-  check_offsets(op, "offsets", first, last, "left", left);
+  ANYNET_CHECK(first <= last, op, ": expected first <= last, got first ", first, " and last ", last);
+  int64_t span;
+  ANYNET_CHECK(!__builtin_sub_overflow(last, first, &span) && span < max_size && left.size(3) < max_size - span, op,
+               ": expected at most 2^30 columns and offsets, got first ", first, ", last ", last, " and left ",
+               shape(left));
 }
 
 void check_cost_volume_backward(const Tensor& grad, const Tensor& left, const Tensor& right,

@@ -138,20 +138,6 @@ inline void check_images(const char* op, const Tensor& left, const Tensor& right
 
 constexpr int64_t max_size = int64_t{1} << 30;  // of a dimension whose indices kernels keep in 32 bits
 
-/// Checks the range of offsets at which the columns of `t` are compared. Disparities are clamped to 2^30 either way:
-/// with offsets and columns of half of it, that still leads outside.
-inline void check_offsets(const char* op, const char* what, int64_t first, int64_t last, const char* name,
-                          const Tensor& t) {
-  ANYNET_CHECK(first <= last, op, ": expected first <= last, got first ", first, " and last ", last);
-  int64_t span;
-  ANYNET_CHECK(!__builtin_sub_overflow(last, first, &span) && span < max_size && t.size(3) < max_size - span, op,
-               ": expected at most 2^30 columns and ", what, ", got first ", first, ", last ", last, " and ", name, " ",
-               shape(t));
-  constexpr int64_t most = max_size / 2;
-  ANYNET_CHECK(-most <= first && last <= most && t.size(3) <= most, op, ": expected at most 2^29 columns, and ", what,
-               " of at most 2^29 either way, got first ", first, ", last ", last, " and ", name, " ", shape(t));
-}
-
 /// Checks a size that was asked for, in pixels.
 inline void check_size(const char* op, int64_t height, int64_t width) {
   ANYNET_CHECK(height > 0 && width > 0 && height <= max_size && width <= max_size, op,

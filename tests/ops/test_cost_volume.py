@@ -118,17 +118,6 @@ class TestCostVolume(DifferentiableOperator):
             ValueError,
             "cost_volume: expected first <= last, got first 3 and last 2",
         ),
-        (
-            (IMAGE, IMAGE, None, -(2**29) - 1, 2),
-            ValueError,
-            "cost_volume: expected offsets of at most 2^29 either way, got first -536870913 and last 2",
-        ),
-        (
-            (IMAGE, IMAGE, None, 2**62, 2**62),
-            ValueError,
-            "cost_volume: expected offsets of at most 2^29 either way, "
-            "got first 4611686018427387904 and last 4611686018427387904",
-        ),
         ((IMAGE, IMAGE, None, 0.5, 2), TypeError, "cost_volume: expected first to be an int, got float"),
         ((IMAGE, IMAGE, None, 0, True), TypeError, "cost_volume: expected last to be an int, got bool"),
     ]
@@ -187,20 +176,6 @@ class TestCostVolume(DifferentiableOperator):
             "cost_volume: expected at most 2^30 columns and offsets, "
             "got first -9223372036854775808, last 9223372036854775806 and left [2, 3, 4, 5]",
         ),
-        *[
-            (
-                "cost_volume",
-                (IMAGE, IMAGE, None, first, last),
-                "cost_volume: expected at most 2^29 columns, and offsets of at most 2^29 either way, "
-                f"got first {first}, last {last} and left [2, 3, 4, 5]",
-            )
-            for first, last in [
-                (-(2**29) - 1, -(2**29)),
-                (2**29, 2**29 + 1),
-                (-(2**31), -(2**31)),
-                (2**63 - 1, 2**63 - 1),
-            ]
-        ],
     ]
 
 
@@ -295,24 +270,14 @@ def test_extreme_disparities(ops, dtype):
     assert volume.isnan().equal(disparity.isnan().expand_as(volume))
 
 
-@pytest.mark.parametrize("offset", [10**8, -(10**8), 2**29 - 2, -(2**29)])
+@pytest.mark.parametrize("offset", [10**9, -(10**9), 10**12, -(10**12), 2**62, -(2**62)])
 def test_extreme_offsets(ops, offset):
-    """Ranges far outside compare with zero."""
+    """Ranges far outside compare with zero; int64 offsets do not wrap around."""
     left, right = torch.randn(2, 1, 2, 3, 9, device=ops.device).unbind(0)
     outside = left.abs().sum(1, keepdim=True).expand(1, 3, 3, 9)
     torch.testing.assert_close(ops.cost_volume(left, right, None, offset, offset + 2), outside)
     disparity = torch.randn(1, 1, 3, 9, device=ops.device)
     torch.testing.assert_close(ops.cost_volume(left, right, disparity, offset, offset + 2), outside)
-
-
-@pytest.mark.parametrize("offset", [2**29, -(2**29)])
-def test_disparities_beyond_extreme_offsets(ops, offset):
-    """They cancel as far as offsets go; what lies beyond is outside, however far."""
-    right = torch.arange(1, 10, dtype=torch.float64, device=ops.device).reshape(1, 1, 1, 9)
-    for distance in (-3, 0, 2.5, 2**29, -(2**29), 2**30, -(2**30), 1e30, -1e30):
-        disparity = torch.full_like(right, distance - offset)
-        out = ops.cost_volume(torch.zeros_like(right), right, disparity, offset, offset)
-        torch.testing.assert_close(out, reference.warp(right, torch.full_like(right, distance)))
 
 
 def test_nan_disparity_passes_no_gradient(ops):
