@@ -32,7 +32,7 @@ class TestReadImage(InferenceOperator):
         (wrong(1, 2, 2, block=3), "block 1 or 2, got 3"),
         (
             lambda: call(image(8, 8)[0], random(3), random(3), 1, 8, 8),
-            r"uint8 image of shape \[H, W, 3\], got \[8, 3\]",
+            r"uint8 image of shape \[H, W, 3\], got uint8 \[8, 3\]",
         ),
         (lambda: call(image(8, 8), random(2), random(3), 1, 8, 8), r"mean of shape \[3\], got \[2\]"),
     ]

@@ -33,7 +33,7 @@ class TestRefinementGuide(InferenceOperator):
         (wrong(factor=3), "factor 1, 2 or 4, got 3"),
         (wrong(block=3), "block 1 or 2, at most the factor, got 3"),
         (wrong(factor=1, block=2), "block 1 or 2, at most the factor, got 2"),
-        (wrong(left=image(8, 8)[0]), r"uint8 image of shape \[H, W, 3\], got \[8, 3\]"),
+        (wrong(left=image(8, 8)[0]), r"uint8 image of shape \[H, W, 3\], got uint8 \[8, 3\]"),
         (wrong(right=image(3, 3)), r"images of one size, got \[7, 9, 3\] and \[3, 3, 3\]"),
         (wrong(disparity=random(2, 1, 4, 5)), r"disparity of shape \[1, 1, H, W\], got \[2, 1, 4, 5\]"),
         (wrong(disparity=random(1, 1, 0, 5)), "at least one pixel"),
