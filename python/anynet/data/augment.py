@@ -66,9 +66,9 @@ def _rescaled(sample: StereoSample, size: tuple[int, int], scale: float, rng: Rn
     def mask(flags: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
         if flags is None:
             return None
-        return cv2.resize(flags.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST).view(np.bool_)
+        return cv2.resize(flags.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT).view(np.bool_)
 
-    disparity = cv2.resize(np.ascontiguousarray(part.disparity), (width, height), interpolation=cv2.INTER_NEAREST)
+    disparity = cv2.resize(np.ascontiguousarray(part.disparity), (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     return StereoSample(
         left=resized(part.left),
         right=resized(part.right),
