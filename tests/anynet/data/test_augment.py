@@ -117,6 +117,13 @@ def test_views_are_exposed_apart_and_the_right_one_is_occluded(rendered: Rendere
     assert hidden == 20
 
 
+@pytest.mark.parametrize("crop", [(64, 64), (64, 83), (256, 64)])
+def test_small_crops_are_occluded_too(rendered: RenderedSample, crop: tuple[int, int]) -> None:
+    for seed in range(10):
+        changed = augment(rendered, crop, np.random.default_rng(seed), occluders=1)
+        assert changed.left.shape == (*crop, 3)
+
+
 def test_input_is_not_changed(rendered: RenderedSample) -> None:
     before = rendered.left.copy(), rendered.right.copy(), rendered.disparity.copy()
     for seed in range(6):
