@@ -26,6 +26,7 @@ from anynet.device import HostCopy
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
 from anynet.evaluation.methods import open_method
+from anynet.evaluation.truth import check_counted
 from anynet.io.files import make_folder, read_bytes, remove_unfinished, telling_damage, write_atomically
 from anynet.model.anynet import AnyNet, normalize
 from anynet.training.batches import batches
@@ -79,8 +80,7 @@ def train(
             warnings.warn("amp is for CUDA: on a CPU it saves no time", stacklevel=2)
         if group.is_main:
             for what, samples in (("data", data), *((f"validation {name}", v) for name, v in validation.items())):
-                if not any(sample.valid.any() for sample in samples):  # the first one, as a rule
-                    raise AnyNetError(f"{what}: expected pairs with known disparities, got none")
+                check_counted(what, samples)
             _begin(recipe, out, resume)
         group.barrier()
         return _Run(recipe, out, data, validation, group).go()

@@ -242,10 +242,15 @@ def test_nothing_to_train_on(tmp_path: Path) -> None:
         train(RECIPE, tmp_path, data=Planes(0))
     sample = Planes(1)[0]
     unknown = [replace(sample, valid=np.zeros_like(sample.valid))]
-    with pytest.raises(AnyNetError, match="data: expected pairs with known disparities, got none"):
+    nothing = "expected pairs with known disparities that count, got none; plane 0: no known disparity"
+    with pytest.raises(AnyNetError, match=f"data: {nothing}"):
         train(RECIPE, tmp_path, data=unknown)
-    with pytest.raises(AnyNetError, match="validation mine: expected pairs with known disparities, got none"):
+    with pytest.raises(AnyNetError, match=f"validation mine: {nothing}"):
         train(RECIPE, tmp_path, data=Planes(4), validation={"mine": unknown})  # before the steps, not after them
+    for factor, found in ((-1, "all known disparities are negative"), (256, "the known disparities are 5120")):
+        wrong = [replace(sample, disparity=sample.disparity * np.float32(factor))]
+        with pytest.raises(AnyNetError, match=rf"data: .*; plane 0: no pixel counts \(0 < d < 192\): {found}"):
+            train(RECIPE, tmp_path, data=wrong)
     assert not (tmp_path / LOG).exists()
 
 
