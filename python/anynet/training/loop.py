@@ -81,7 +81,7 @@ def train(
         if group.is_main:
             for what, samples in (("data", data), *((f"validation {name}", v) for name, v in validation.items())):
                 check_counted(what, samples)
-            _begin(recipe, out, resume)
+            _check_free(recipe, out, resume)
         group.barrier()
         return _Run(recipe, out, data, validation, group).go()
 
@@ -101,14 +101,13 @@ def _locked(out: Path) -> Iterator[None]:
         yield
 
 
-def _begin(recipe: Recipe, out: Path, resume: bool) -> None:
-    """Makes the folder a run of this recipe, or sees that it is one."""
+def _check_free(recipe: Recipe, out: Path, resume: bool) -> None:
+    """Sees that the folder holds no run, or this recipe's that is to go on."""
     stored = out / RECIPE
     if stored.exists():
         if not resume:
             raise AnyNetError(f"{out} holds a run already: resume it, or choose another folder")
         Recipe.load(stored).check_resumed(recipe)
-    write_atomically(stored, recipe.to_json().encode())
 
 
 def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
@@ -178,12 +177,14 @@ class _Run:
         path = self.out / LOG if self.group.is_main else None
         events = self.out / "tensorboard" if self.group.is_main and recipe.tensorboard else None
         with RunLog(path, self.step, self.steps, recipe.log_every, events) as log:
-            before = None
+            before, first = None, self.step
             while self.step < self.steps:
                 waiting().adapt()
                 began = time.perf_counter()
                 batch = next(loader)
                 waited = time.perf_counter() - began
+                if self.group.is_main and self.step == first:  # only now, so that mistakes leave the folder free
+                    write_atomically(self.out / RECIPE, recipe.to_json().encode())
                 values = HostCopy(self._update(batch))
                 if before is not None:
                     self._tell(log, before)  # only now: a GPU is not to stand still meanwhile

@@ -210,6 +210,19 @@ def test_stage_weights_must_fit_the_network(tmp_path: Path) -> None:
         train(replace(RECIPE, stage_weights=(1.0, 1.0, 1.0)), tmp_path, data=Planes(4))
 
 
+def test_a_mistake_in_the_options_leaves_the_folder_free(tmp_path: Path) -> None:
+    right = replace(RECIPE, steps=1)
+    for wrong, message in (
+        (replace(right, stage_weights=(1.0,)), "stage_weights"),
+        (replace(right, weights="nowhere"), "expected a file of weights"),
+        (replace(right, crop_size=(64, 512)), "does not fit"),
+        (replace(right, steps=None), "steps or epochs"),
+    ):
+        with pytest.raises(AnyNetError, match=message):
+            train(wrong, tmp_path, data=Planes(4))
+    train(right, tmp_path, data=Planes(4))
+
+
 def test_stages_without_weight_neither_run_nor_change(tmp_path: Path) -> None:
     torch.manual_seed(RECIPE.seed)
     before = AnyNet().state_dict()
