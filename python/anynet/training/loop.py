@@ -195,10 +195,10 @@ class _Run:
                 if saves or validates:
                     self._tell(log, before)  # which sees that it is sound
                     before = None
+                if self.group.is_main and validates:  # first: a run that goes on begins after what is saved
+                    log.validation(self.step, self._validate())
                 if self.group.is_main and saves:
                     self._save()
-                if self.group.is_main and validates:
-                    log.validation(self.step, self._validate())
             if self.group.is_main:
                 self._export()
         return self.out / WEIGHTS

@@ -24,6 +24,7 @@ from anynet import cli
 from anynet.baselines.model import MODELS
 from anynet.checkpoint import load_checkpoint
 from anynet.errors import AnyNetError
+from anynet.evaluation.evaluate import Evaluation
 from anynet.model.anynet import AnyNet
 from anynet.model.config import AnyNetConfig, FirstStageConfig
 from anynet.training import loop
@@ -39,6 +40,26 @@ def test_the_loss_falls_and_the_weights_are_measured(tmp_path: Path) -> None:
     assert validation["validation"] == "planes"
     assert len(validation["d1"]) == 4
     assert weights == tmp_path / WEIGHTS
+
+
+@pytest.mark.parametrize("step", [2, 4])
+def test_an_interrupted_validation_is_made_on_resuming(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
+) -> None:
+    recipe = replace(RECIPE, steps=4, validate_every=2)
+
+    def interrupted(run: loop._Run) -> dict[str, Evaluation]:
+        if run.step == step:
+            raise KeyboardInterrupt
+        return {}
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop._Run, "_validate", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            train(recipe, tmp_path, data=Planes(4), validation={"planes": Planes(1)})
+    train(recipe, tmp_path, resume=True, data=Planes(4), validation={"planes": Planes(1)})
+    validated = [line["step"] for line in log_lines(tmp_path) if "validation" in line]
+    assert step in validated
 
 
 @pytest.mark.slow
