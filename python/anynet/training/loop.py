@@ -117,9 +117,10 @@ def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
     if recipe.weights is None:
         return AnyNet(recipe.network)
     if recipe.load_partial:
-        return load_partial(recipe.weights, recipe.network)
+        network, scale = recipe.network, recipe.input_scale
+        return load_partial(recipe.weights, network if scale is None else network.with_input_scale(scale))
     if stored_config(find_weights(recipe.weights)) is not None:
-        return load_baseline(recipe.weights)
+        return load_baseline(recipe.weights, recipe.input_scale)
     return load_checkpoint(recipe.weights, recipe.input_scale)
 
 

@@ -271,6 +271,16 @@ def test_partial_weights_begin_a_larger_network(tmp_path: Path) -> None:
             torch.testing.assert_close(large.state_dict()[name], value, rtol=0, atol=1e-7)
 
 
+def test_an_input_scale_is_taken_or_refused(tmp_path: Path) -> None:
+    small = replace(RECIPE, steps=1, batch_size=1)
+    scaled = replace(small, input_scale=2.0, weights="paper", load_partial=True)
+    found = load_checkpoint(train(scaled, tmp_path / "partial", data=Planes(2))).config
+    assert found == scaled.network.with_input_scale(2)
+    weights = train(replace(small, model="nvtiny", input_scale=0.5), tmp_path / "baseline", data=Planes(2))
+    with pytest.raises(AnyNetError, match="expected no input_scale with a baseline's weights, got 2"):
+        train(replace(small, input_scale=2.0, weights=str(weights)), tmp_path / "other", data=Planes(2))
+
+
 def test_nothing_to_train_on(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match="expected pairs to train on"):
         train(RECIPE, tmp_path, data=Planes(0))
