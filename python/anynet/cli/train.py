@@ -47,6 +47,8 @@ def _command(name: str, default: str, summary: str) -> Callable[..., None]:
             recipe = replace(Recipe.load(out / RECIPE), **options)
         else:
             recipe = preset(start, **options)
+            if name == "finetune" and recipe.weights is None:
+                raise AnyNetError("finetune: expected weights to begin with (--weights), got none; without: train")
         for option, (other, used) in _BELONGING.items():
             if option in options and not used(recipe):
                 raise AnyNetError(f"--{option.replace('_', '-')} belongs to {other}")

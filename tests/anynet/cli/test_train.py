@@ -72,6 +72,8 @@ def test_an_interrupted_run_says_how_to_go_on(
             "--network belongs to AnyNet from random weights, or to --load-partial",
         ),
         (["train", "--model", "psmnet", "--network", "groups=2"], "--network belongs to AnyNet"),
+        (["finetune", "--preset", "default"], "finetune: expected weights to begin with (--weights), got none"),
+        (["finetune", "--preset", "paper-kitti"], "finetune: expected weights to begin with (--weights), got none"),
     ],
 )
 def test_options_that_would_do_nothing(
