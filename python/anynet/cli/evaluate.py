@@ -82,7 +82,8 @@ def evaluate(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for the tables, .md and .json, and a figure per method and data set: not with --perturb, --confidence."
+            help="Folder for the tables, .md and .json, and, but for --perturb and --confidence, a figure per method "
+            "and data set."
         ),
     ] = None,
 ) -> None:
