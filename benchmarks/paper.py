@@ -345,7 +345,7 @@ def _digests(weights: Iterable[str]) -> list[str]:
 
 
 def times_of(
-    work: Work, spec: str, name: str, methods: dict[str, Method], sample: StereoSample
+    work: Work, spec: str, name: str, methods: dict[str, Method], sample: StereoSample, weights: Sequence[str] = ()
 ) -> dict[str, list[float]]:
     """Median milliseconds to each stage, of all methods in turns; those that take seconds have fewer turns."""
 
@@ -362,7 +362,7 @@ def times_of(
         return {m: [statistics.median(s) for s in zip(*(t[1:] or t), strict=True)] for m, t in turns.items()}
 
     times: dict[str, list[float]] = _remembered(
-        work, f"{kind_of(spec)}-{name}-times", [spec, *methods, *_digests(work.weights)], measure
+        work, f"{kind_of(spec)}-{name}-times", [spec, *methods, *_digests(weights)], measure
     )
     return times
 
@@ -590,7 +590,7 @@ def _fig6_lines(work: Work, spec: str, sample: StereoSample) -> tuple[list[Measu
     full = {f"{m}-full": Point(f"{m}-full", m, Recipe(model=m), m) for m in MODELS} if work.full_size else {}
     methods |= {name: random_weights(work, point) for name, point in full.items()}
     suffix = "-".join([str(len(methods)), *map(weights_name, work.weights)])
-    times = times_of(work, spec, f"fig6-{suffix}", methods, sample)
+    times = times_of(work, spec, f"fig6-{suffix}", methods, sample, work.weights)
     measured = []
     for label, names, stages in labels:
         present = [name for name in names if name in errors]

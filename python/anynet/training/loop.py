@@ -29,7 +29,7 @@ from anynet.evaluation.methods import open_method
 from anynet.evaluation.truth import check_counted
 from anynet.io.files import make_folder, read_bytes, remove_unfinished, telling_damage, write_atomically
 from anynet.model.anynet import AnyNet, normalize
-from anynet.training.batches import batches
+from anynet.training.batches import batches, telling_killed_workers
 from anynet.training.distributed import Processes, process_group, synchronize_batch_norm
 from anynet.training.graphs import GraphedStep
 from anynet.training.log import RunLog
@@ -83,7 +83,8 @@ def train(
                 check_counted(what, samples)
             _check_free(recipe, out, resume)
         group.barrier()
-        return _Run(recipe, out, data, validation, group).go()
+        with telling_killed_workers():
+            return _Run(recipe, out, data, validation, group).go()
 
 
 @contextmanager

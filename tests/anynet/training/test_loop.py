@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import multiprocessing
 import os
 import signal
 import time
@@ -23,6 +24,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from anynet import cli
 from anynet.baselines.model import MODELS
 from anynet.checkpoint import load_checkpoint
+from anynet.data import StereoSample
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation
 from anynet.model.anynet import AnyNet
@@ -215,6 +217,17 @@ def test_two_processes_do_not_train_in_one_folder(tmp_path: Path, monkeypatch: p
     monkeypatch.undo()
     with pytest.raises(AnyNetError, match="steps was 100000"):  # not the lock, which went with its process
         train(replace(RECIPE, steps=5), tmp_path, data=Planes(10), resume=True)
+
+
+def test_a_killed_worker_is_told(tmp_path: Path) -> None:
+    class Deadly(Planes):
+        def __getitem__(self, index: int) -> StereoSample:  # type: ignore[override]
+            if multiprocessing.parent_process() is not None:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return super().__getitem__(index)
+
+    with pytest.raises(AnyNetError, match="a worker was killed, perhaps for lack of memory: go on with --resume"):
+        train(replace(RECIPE, workers=1), tmp_path, data=Deadly(70))  # more than are decoded beforehand
 
 
 def test_a_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:
