@@ -271,6 +271,7 @@ class _Run:
     def _save(self) -> None:
         state = {
             "step": self.step,
+            "samples": len(self.data),
             "model": self.model.state_dict(),
             "average": self.average.state_dict(),
             "optimizer": self.optimizer.state_dict(),
@@ -285,6 +286,8 @@ class _Run:
         content = io.BytesIO(read_bytes(path))
         with telling_damage(path, "not a sound checkpoint of this run"):
             state = torch.load(content, map_location=self.group.device, weights_only=True)
+            if (samples := state.get("samples", len(self.data))) != len(self.data):  # the order goes by it
+                raise AnyNetError(f"{path}: expected {samples} pairs, as when the run began, got {len(self.data)}")
             if not isinstance(state["step"], int) or not 0 <= state["step"] <= self.steps:
                 raise AnyNetError(f"{path}: expected a step from 0 to {self.steps}, got {state['step']}")
             self.step = state["step"]

@@ -331,6 +331,16 @@ def stopped(tmp_path):
     return recipe, tmp_path
 
 
+def test_a_run_goes_on_with_as_many_pairs(stopped):
+    recipe, out = stopped
+    with pytest.raises(AnyNetError, match=r"checkpoint\.pt: expected 10 pairs, as when the run began, got 11"):
+        train(recipe, out, resume=True, data=Planes(11))
+    state = torch.load(out / CHECKPOINT, weights_only=True)
+    del state["samples"]  # of an earlier version
+    torch.save(state, out / CHECKPOINT)
+    train(recipe, out, resume=True, data=Planes(11))
+
+
 def _damaged(content: bytes) -> dict[str, bytes]:
     def saved(value) -> bytes:
         buffer = io.BytesIO()
