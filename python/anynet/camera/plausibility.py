@@ -17,12 +17,12 @@ def check_baseline(baseline: float) -> list[str]:
     if baseline > _LONGEST:
         return [
             f"a baseline of {baseline:g} m is long: are the calibration's lengths in millimeters or centimeters? "
-            "Say it with --calib-unit mm (or cm, m)"
+            "Say it with --calib-unit mm (or cm, m), of a data set with unit=mm"
         ]
     if baseline < _SHORTEST:
         return [
             f"a baseline of {baseline:g} m is short: are the calibration's lengths in meters? "
-            "Say it with --calib-unit m (or mm, cm)"
+            "Say it with --calib-unit m (or mm, cm), of a data set with unit=m"
         ]
     return []
 
