@@ -13,6 +13,7 @@ timed, with random weights, and the error that their authors published is drawn 
 
 from __future__ import annotations
 
+import hashlib
 import json
 import platform
 import statistics
@@ -34,6 +35,7 @@ from rich.console import Console
 
 from anynet import AnyNet, AnyNetConfig, save_checkpoint
 from anynet.baselines import MODELS, BaselineConfig, BaselineModel, BaselinePredictor
+from anynet.checkpoint import find_weights
 from anynet.data import StereoSample, open_dataset
 from anynet.evaluation import opencv, report
 from anynet.evaluation.anytime import FIRST_MS, LAST_MS, Curve, best_cascade, cascade, one_after_another, random_queries
@@ -178,6 +180,10 @@ class Work:
     progress: Console = field(default_factory=lambda: Console(stderr=True))
 
     def __post_init__(self) -> None:
+        if len({kind_of(spec) for spec in self.data}) < len(self.data):  # runs and measurements go by it
+            raise SystemExit(f"--data: expected one data set of a kind, got {', '.join(self.data)}")
+        if len(set(map(weights_name, self.weights))) < len(self.weights):
+            raise SystemExit(f"--weights: expected files of different names, got {', '.join(self.weights)}")
         self.datasets = {spec: open_dataset(spec) for spec in self.data}
 
     def split(self, spec: str, number: int) -> tuple[Dataset, Dataset]:
@@ -199,6 +205,12 @@ class Work:
 
 def kind_of(spec: str) -> str:
     return spec.partition(":")[0]
+
+
+def weights_name(weights: str) -> str:
+    """The file's name; of a run's, the folder's."""
+    path = Path(weights)
+    return path.resolve().parent.name if path.name == WEIGHTS else path.stem
 
 
 # Training
@@ -278,20 +290,27 @@ class Errors:
     splits: int
 
 
-def _remembered(work: Work, name: str, measure: Callable[[], Any]) -> Any:
-    """What `measure` gives, or gave before."""
+def _remembered(work: Work, name: str, about: list[str], measure: Callable[[], Any]) -> Any:
+    """What `measure` gives, or gave before of the same data and weights, which `about` tells."""
     path = work.runs / "measured" / f"{name}.json"
-    if work.again or not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, json.dumps(measure(), indent=2).encode())
-    return json.loads(path.read_text())
+    if path.exists() and not work.again:
+        stored = json.loads(path.read_text())
+        if isinstance(stored, dict) and stored.get("about") == about:
+            return stored["found"]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    found = measure()
+    write_atomically(path, json.dumps({"about": about, "found": found}, indent=2).encode())
+    return found
 
 
-def errors_of(work: Work, name: str, spec: str, methods: dict[int, Callable[[], Method]]) -> Errors | None:
+def errors_of(
+    work: Work, name: str, spec: str, methods: dict[int, Callable[[], Method]], weights: Sequence[str] = ()
+) -> Errors | None:
     """The error of a method on the pairs of each split, or None if there is no method.
 
     Args:
         methods: what gives the method, by number of the split; asked only where its error is not known yet.
+        weights: those of the method, where the name does not tell them.
     """
     if not methods:
         return None
@@ -303,7 +322,7 @@ def errors_of(work: Work, name: str, spec: str, methods: dict[int, Callable[[], 
             work.progress.print(f"{name}: {spec}")
             return [stage.mean.d1 for stage in evaluate(method(), pairs).stages]
 
-        by_split.append(_remembered(work, f"{kind_of(spec)}-{name}-split{number}", measure))
+        by_split.append(_remembered(work, f"{kind_of(spec)}-{name}-split{number}", [spec, *_digests(weights)], measure))
     stages = list(zip(*by_split, strict=True))
     deviations = tuple(statistics.stdev(stage) if len(stage) > 1 else 0.0 for stage in stages)
     return Errors(tuple(statistics.fmean(stage) for stage in stages), deviations, len(by_split))
@@ -321,7 +340,13 @@ def everywhere(work: Work, method: Method) -> dict[int, Callable[[], Method]]:
     return dict.fromkeys(range(work.splits), lambda: method)
 
 
-def times_of(work: Work, name: str, methods: dict[str, Method], sample: StereoSample) -> dict[str, list[float]]:
+def _digests(weights: Iterable[str]) -> list[str]:
+    return [hashlib.sha256(find_weights(one).read_bytes()).hexdigest() for one in weights]
+
+
+def times_of(
+    work: Work, spec: str, name: str, methods: dict[str, Method], sample: StereoSample, weights: Sequence[str] = ()
+) -> dict[str, list[float]]:
     """Median milliseconds to each stage, of all methods in turns; those that take seconds have fewer turns."""
 
     def measure() -> dict[str, list[float]]:
@@ -336,7 +361,9 @@ def times_of(work: Work, name: str, methods: dict[str, Method], sample: StereoSa
         # The first turn pays for the memory.
         return {m: [statistics.median(s) for s in zip(*(t[1:] or t), strict=True)] for m, t in turns.items()}
 
-    times: dict[str, list[float]] = _remembered(work, f"{name}-times", measure)
+    times: dict[str, list[float]] = _remembered(
+        work, f"{kind_of(spec)}-{name}-times", [spec, *methods, *_digests(weights)], measure
+    )
     return times
 
 
@@ -417,7 +444,7 @@ def table2(work: Work) -> None:
     ]
     for axis, (spec, samples) in zip(axes[0], work.datasets.items(), strict=True):
         errors = errors_of_point(work, ANYNET, spec)
-        times = times_of(work, f"{kind_of(spec)}-table2", {ANYNET.name: random_weights(work, ANYNET)}, samples[0])
+        times = times_of(work, spec, "table2", {ANYNET.name: random_weights(work, ANYNET)}, samples[0])
         milliseconds, paper = times[ANYNET.name], TABLE2.get(kind_of(spec))
         for i, ms in enumerate(milliseconds):
             here = "not trained" if errors is None else f"{errors.mean[i]:.1f} ± {errors.deviation[i]:.1f}"
@@ -554,16 +581,16 @@ def _fig6_lines(work: Work, spec: str, sample: StereoSample) -> tuple[list[Measu
             own.append(name)
         labels.append((label, tuple(own), False))
     for weights in work.weights:
-        name = f"{WEIGHTS_OF}{Path(weights).stem}"
+        name = f"{WEIGHTS_OF}{weights_name(weights)}"
         method = open_method(weights, threads=work.threads)
-        found = errors_of(work, name, spec, everywhere(work, method))
+        found = errors_of(work, name, spec, everywhere(work, method), [weights])
         assert found is not None
         errors[name], methods[name] = found, method
         labels.append((name, (name,), True))
     full = {f"{m}-full": Point(f"{m}-full", m, Recipe(model=m), m) for m in MODELS} if work.full_size else {}
     methods |= {name: random_weights(work, point) for name, point in full.items()}
-    suffix = "-".join([str(len(methods)), *(Path(w).stem for w in work.weights)])
-    times = times_of(work, f"{kind_of(spec)}-fig6-{suffix}", methods, sample)
+    suffix = "-".join([str(len(methods)), *map(weights_name, work.weights)])
+    times = times_of(work, spec, f"fig6-{suffix}", methods, sample, work.weights)
     measured = []
     for label, names, stages in labels:
         present = [name for name in names if name in errors]
@@ -595,7 +622,7 @@ def fig7(work: Work) -> None:
     lines = ["| data | network | stage | ms | D1 % |", "| --- | --- | ---: | ---: | ---: |"]
     for axis, (spec, samples) in zip(axes[0], work.datasets.items(), strict=True):
         methods = {point.name: random_weights(work, point) for point in ABLATIONS}
-        times = times_of(work, f"{kind_of(spec)}-fig7", methods, samples[0])
+        times = times_of(work, spec, "fig7", methods, samples[0])
         results[spec] = {"milliseconds": times, "errors": {}}
         for point in ABLATIONS:
             errors = errors_of_point(work, point, spec)

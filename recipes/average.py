@@ -11,12 +11,20 @@ import torch
 
 from anynet import load_checkpoint, save_checkpoint
 from anynet.checkpoint import load_metadata
+from anynet.errors import AnyNetError
 
 
 def main() -> None:
-    out, *files = sys.argv[1:]
+    out, *files = sys.argv[1:] or [""]
+    if not files:
+        raise AnyNetError(f"expected OUT and files of weights, got {out or 'nothing'}")
     model = load_checkpoint(files[0])
-    states = [load_checkpoint(file).state_dict() for file in files]
+    states = []
+    for file in files:
+        other = load_checkpoint(file)
+        if other.config != model.config:
+            raise AnyNetError(f"expected weights of the network of {files[0]}, got {file}'s")
+        states.append(other.state_dict())
     for name, tensor in model.state_dict().items():
         if tensor.is_floating_point():
             tensor.copy_(torch.stack([state[name] for state in states]).mean(0))
@@ -24,4 +32,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except AnyNetError as error:
+        sys.exit(str(error))

@@ -11,6 +11,7 @@ shifted to fit photographs (Platt scaling: two numbers per stage).
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from torch import Tensor
 from anynet import load_checkpoint
 from anynet.checkpoint import find_weights
 from anynet.data import Dataset, open_dataset
+from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import region_mask
 from anynet.evaluation.metrics import within_d1
 from anynet.model.confidence import PIXEL, ConfidenceModel, gather_evidence, products, surroundings, view_difference
@@ -92,7 +94,8 @@ def main() -> None:
     parser.add_argument("--per-pair", type=int, default=3000)
     options = parser.parse_args()
     network = DeployedAnyNet(load_checkpoint(options.weights))
-    assert network.config.zoom == 1
+    if network.config.zoom != 1:
+        raise AnyNetError(f"{options.weights}: expected an input_scale of 1 or 2, got {network.config.input_scale:g}")
     pixels = [
         collect(network, samples, options.per_pair)
         for samples in (open_dataset(f"rendered:{options.rendered}"), open_dataset(options.real))
@@ -104,4 +107,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except AnyNetError as error:
+        sys.exit(str(error))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import paper
@@ -16,6 +18,7 @@ from anynet.baselines import MODELS
 from anynet.data import StereoSample
 from anynet.evaluation.anytime import Curve
 from anynet.evaluation.splits import draw_splits, write_splits
+from anynet.predictor import Estimate
 
 DATA = "render:5?height=64&width=128"
 
@@ -106,11 +109,54 @@ def test_every_command(tmp_path, monkeypatch):
         run("table2", "--again")
 
 
-def test_pairs_of_a_split_are_apart(tmp_path):
-    work = paper.Work(
-        threads=1, data=[DATA], runs=tmp_path, out=tmp_path, only=None, pretraining="", steps=1, fine_tuning_steps=1,
-        batch_size=1, crop_size=(64, 128), splits=3, device="cpu", rounds=1, weights=[], full_size=False, again=False,
+def _work(folder: Path, data: list[str], weights: Sequence[str] = ()) -> paper.Work:
+    return paper.Work(
+        threads=1, data=data, runs=folder, out=folder, only=None, pretraining="", steps=1, fine_tuning_steps=1,
+        batch_size=1, crop_size=(64, 128), splits=3, device="cpu", rounds=1, weights=list(weights), full_size=False,
+        again=False,
     )  # fmt: skip
+
+
+def _evaluated(d1: float) -> SimpleNamespace:
+    return SimpleNamespace(stages=[SimpleNamespace(mean=SimpleNamespace(d1=d1))])
+
+
+def test_weights_of_runs_are_told_apart(tmp_path, monkeypatch):
+    for run in ("one", "two", "more/two"):
+        (tmp_path / run).mkdir(parents=True)
+        (tmp_path / run / "weights.safetensors").write_bytes(run.encode())
+    files = [str(tmp_path / run / "weights.safetensors") for run in ("one", "two", "more/two")]
+    monkeypatch.chdir(tmp_path / "one")
+    assert [paper.weights_name(name) for name in ("default", "a/b.safetensors", *files, "weights.safetensors")] == [
+        "default", "b", "one", "two", "two", "one",
+    ]  # fmt: skip
+    with pytest.raises(SystemExit, match="expected files of different names"):
+        _work(tmp_path, [DATA], files)
+    work = _work(tmp_path, [DATA], files[:2])
+    measured = {}
+    for number, file in enumerate((files[1], files[2], files[1])):
+        monkeypatch.setattr(paper, "evaluate", lambda *_, n=number: _evaluated(n))
+        measured[number] = paper.errors_of(work, "weights two", DATA, paper.everywhere(work, None), [file]).mean
+    assert measured == {0: (0,), 1: (1,), 2: (2,)}
+    monkeypatch.setattr(paper, "evaluate", None)  # what is known is not measured again
+    assert paper.errors_of(work, "weights two", DATA, paper.everywhere(work, None), [files[1]]).mean == (2,)
+
+
+def test_data_of_one_kind_are_told_apart(tmp_path, monkeypatch):
+    other = DATA.replace("render:5", "render:6")
+    with pytest.raises(SystemExit, match="expected one data set of a kind"):
+        _work(tmp_path, [DATA, other])
+    for number, spec in enumerate((DATA, other)):
+        work = _work(tmp_path, [spec])
+        monkeypatch.setattr(paper, "evaluate", lambda *_, n=number: _evaluated(n))
+        assert paper.errors_of(work, "m", spec, paper.everywhere(work, None)).mean == (number,)
+        estimates = [Estimate(1, np.zeros((1, 1), np.float32), float(number))]
+        times = paper.times_of(work, spec, "m", {"m": lambda *_, e=estimates: e}, work.datasets[spec][0])
+        assert times == {"m": [number]}
+
+
+def test_pairs_of_a_split_are_apart(tmp_path):
+    work = _work(tmp_path, [DATA])
     for number in range(3):
         learned, measured = work.split(DATA, number)
         assert (len(learned), len(measured)) == (4, 1)

@@ -39,6 +39,31 @@ def test_average(tmp_path: Path) -> None:
     assert load_metadata(out) == {"mean_of": [{"number": 1}, {"number": 3}]}
 
 
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (["average.py"], "expected OUT and files of weights, got nothing"),
+        (["average.py", "out.safetensors"], "expected OUT and files of weights, got out.safetensors"),
+        (["average.py", "out.safetensors", "paper", "large"], "expected weights of the network of paper, got large's"),
+        (["average.py", "out.safetensors", "nowhere"], "expected a file of weights or a packaged name"),
+        (
+            ["confidence.py", "--weights", "half.safetensors", "--rendered", "none", "--real", "render:1"],
+            "half.safetensors: expected an input_scale of 1 or 2, got 0.5",
+        ),
+    ],
+)
+def test_mistakes_are_told_in_one_line(tmp_path: Path, command: list[str], message: str) -> None:
+    if "half.safetensors" in command:
+        save_checkpoint(tmp_path / "half.safetensors", load_checkpoint("paper", 0.5))
+    script, *options = command
+    told = subprocess.run(
+        [sys.executable, str(RECIPES / script), *options], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    )
+    assert told.returncode == 1
+    (line,) = told.stderr.splitlines()
+    assert line.startswith(message)
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(1300)
 @pytest.mark.parametrize("script", sorted(RECIPES.glob("*.sh")), ids=lambda script: script.stem)

@@ -140,19 +140,22 @@ def stored_config(path: Path) -> BaselineConfig | None:
         raise AnyNetError(f"{path}: {error}") from None
 
 
-def load_baseline(path: str | os.PathLike[str]) -> BaselineModel:
+def load_baseline(path: str | os.PathLike[str], input_scale: float | None = None) -> BaselineModel:
     """The baseline with its weights, in eval mode, on the CPU.
 
     Args:
         path: of a .safetensors file that training or `anynet.checkpoint.save_checkpoint` wrote.
+        input_scale: None; other networks take one, a baseline has its own.
 
     Raises:
-        AnyNetError: if it is not that, or not all of it is finite.
+        AnyNetError: if it is not that, or not all of it is finite, or there is an `input_scale`.
     """
     path = find_weights(path)
     config = stored_config(path)
     if config is None:
         raise AnyNetError(f"{path}: expected weights of a baseline ({', '.join(MODELS)}), got another file")
+    if input_scale is not None:
+        raise AnyNetError(f"{path}: expected no input_scale with a baseline's weights, got {input_scale:g}")
     try:
         _, tensors = read_safetensors(path)
     except OSError as error:

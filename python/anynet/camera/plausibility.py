@@ -16,11 +16,15 @@ def check_baseline(baseline: float, hint: str = "") -> list[str]:
     """One sentence if a baseline, meters, is hardly one; else none. `hint` says in its end what to do."""
     if baseline > _LONGEST:
         hint = hint or (
-            "are the calibration's lengths in millimeters or centimeters? Say it with --calib-unit mm (or cm, m)"
+            "are the calibration's lengths in millimeters or centimeters? "
+            "Say it with --calib-unit mm (or cm, m), of a data set with unit=mm"
         )
         return [f"a baseline of {baseline:g} m is long: {hint}"]
     if baseline < _SHORTEST:
-        hint = hint or "are the calibration's lengths in meters? Say it with --calib-unit m (or mm, cm)"
+        hint = hint or (
+            "are the calibration's lengths in meters? "
+            "Say it with --calib-unit m (or mm, cm), of a data set with unit=m"
+        )
         return [f"a baseline of {baseline:g} m is short: {hint}"]
     return []
 

@@ -127,7 +127,9 @@ def _finished(found: Found, replace: Mapping[str, float]) -> Calibration | Stere
     lacking += [name for name in found.lacking if name not in values and name not in lacking]
     if lacking:
         fields = " and ".join(found.lacking.get(name, name) for name in lacking)
-        raise AnyNetError(f"the calibration lacks {fields}: give {' and '.join(f'--{name}' for name in lacking)}")
+        options = " and ".join(f"--{name}" for name in lacking)
+        it = "it" if len(lacking) == 1 else "them"
+        raise AnyNetError(f"the calibration lacks {fields}: give {options}, or add {it} to the file")
     return _rectified(found, values)
 
 

@@ -80,7 +80,11 @@ def evaluate(
     precision: Precision = "float32",
     threads: Threads = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for results.md, results.json and a figure per method and data set.")
+        Path | None,
+        typer.Option(
+            help="Folder for the tables, .md and .json, and, but for --perturb and --confidence, a figure per method "
+            "and data set."
+        ),
     ] = None,
 ) -> None:
     """Measure error and time, stage by stage.
@@ -145,6 +149,11 @@ def evaluate(
         )
     if splits and len(set(zip((name for name, _ in methods), data, strict=True))) < len(data):
         raise AnyNetError("--splits: expected splits that differ, got the same weights on the same data twice")
+    if splits:
+        runs_on = zip(methods, (samples[0] for _, samples in named), strict=True)
+        counts = [sum(1 for _ in run(first.left, first.right)) for (_, run), first in runs_on]
+        if len(set(counts)) > 1:
+            raise AnyNetError(f"--splits: expected methods of as many stages, got {', '.join(map(str, counts))}")
     # What takes turns, and on what data.
     rounds = (
         [(dict([m]), d) for m, d in zip(methods, named, strict=True)] if splits else [(dict(methods), d) for d in named]

@@ -36,7 +36,7 @@ _BELONGING: dict[str, tuple[str, Callable[[Recipe], bool]]] = {
 def _command(name: str, default: str, summary: str) -> Callable[..., None]:
     """A command with one option for each field of `Recipe`; those not given are the preset's."""
 
-    def command(out: Path, start: str, resume: bool, **given: Any) -> None:
+    def command(out: Path, start: str | None, resume: bool, **given: Any) -> None:
         from anynet.training.loop import RECIPE, train
 
         options = {option: value for option, value in given.items() if value is not None and value != []}
@@ -44,9 +44,14 @@ def _command(name: str, default: str, summary: str) -> Callable[..., None]:
             options["network"] = _network(options["network"])
         options = {option: tuple(v) if isinstance(v, list) else v for option, v in options.items()}
         if resume and (out / RECIPE).exists():
-            recipe = replace(Recipe.load(out / RECIPE), **options)
+            stored = Recipe.load(out / RECIPE)
+            if start is not None:  # the command that began the run, once more
+                stored.check_resumed(preset(start, **options))
+            recipe = replace(stored, **options)
         else:
-            recipe = preset(start, **options)
+            recipe = preset(start or default, **options)
+            if name == "finetune" and recipe.weights is None:
+                raise AnyNetError("finetune: expected weights to begin with (--weights), got none; without: train")
         for option, (other, used) in _BELONGING.items():
             if option in options and not used(recipe):
                 raise AnyNetError(f"--{option.replace('_', '-')} belongs to {other}")
@@ -61,7 +66,12 @@ def _command(name: str, default: str, summary: str) -> Callable[..., None]:
     types = get_type_hints(Recipe)
     parameters = [
         _parameter("out", Path, typer.Option(help="Folder of the run: weights, checkpoint, log."), ...),
-        _parameter("start", str, typer.Option("--preset", help=f"Where to begin: {', '.join(PRESETS)}."), default),
+        _parameter(
+            "start",
+            str | None,
+            typer.Option("--preset", help=f"Where to begin: {', '.join(PRESETS)}.", show_default=default),
+            None,
+        ),
         _parameter("resume", bool, typer.Option("--resume", help="Go on where the run in --out stopped."), False),
     ]
     for option in fields(Recipe):

@@ -66,9 +66,9 @@ def _rescaled(sample: StereoSample, size: tuple[int, int], scale: float, rng: Rn
     def mask(flags: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
         if flags is None:
             return None
-        return cv2.resize(flags.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST).view(np.bool_)
+        return cv2.resize(flags.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST_EXACT).view(np.bool_)
 
-    disparity = cv2.resize(np.ascontiguousarray(part.disparity), (width, height), interpolation=cv2.INTER_NEAREST)
+    disparity = cv2.resize(np.ascontiguousarray(part.disparity), (width, height), interpolation=cv2.INTER_NEAREST_EXACT)
     return StereoSample(
         left=resized(part.left),
         right=resized(part.right),
@@ -103,7 +103,8 @@ def _occlude(right: Image, rng: Rng) -> NDArray[np.bool_]:
     height, width = right.shape[:2]
     hidden = np.zeros((height, width), np.bool_)
     for _ in range(rng.integers(1, 3)):
-        h, w = int(rng.integers(20, height // 3)), int(rng.integers(20, width // 4))
+        h = int(rng.integers(min(20, height // 8), height // 3))
+        w = int(rng.integers(min(20, width // 8), width // 4))
         y, x = int(rng.integers(0, height - h)), int(rng.integers(0, width - w))
         if rng.random() < 0.5:
             right[y : y + h, x : x + w] = right[::8, ::8].mean((0, 1))

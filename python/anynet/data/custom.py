@@ -8,6 +8,7 @@ from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
+from anynet.camera.units import meters_per
 from anynet.data.files import Files, PairFiles, files_in, folder, nothing
 from anynet.errors import AnyNetError
 from anynet.io.disparity import FORMATS
@@ -63,6 +64,8 @@ def table(path: str | Path, scale: str | float | None = None, unit: str | None =
     if not source.is_file():
         raise AnyNetError(f"{path}: expected a CSV file with columns {', '.join(COLUMNS)}; there is no such file")
     factor = _factor(scale)
+    if unit is not None:
+        meters_per(unit)  # which sees that there is such a one
     files: list[Files] = []
     with telling_damage(path, "not a CSV file"):
         rows = csv.DictReader(read_text(source).splitlines(keepends=True), restkey="more")
@@ -70,6 +73,8 @@ def table(path: str | Path, scale: str | float | None = None, unit: str | None =
         if unknown or not {"left", "right"} <= set(rows.fieldnames or ()):
             got = ", ".join(map(repr, rows.fieldnames or ["none"]))[:200]
             raise AnyNetError(f"{path}: expected columns among {', '.join(COLUMNS)}, got {got}")
+        if unit is not None and "depth" not in (rows.fieldnames or ()):
+            raise AnyNetError(f"{path}: expected a column depth, to which unit belongs, got none")
         for row in rows:
             if len(files) == MAX_ROWS:
                 raise AnyNetError(f"{path}: expected at most {MAX_ROWS} rows")

@@ -60,13 +60,17 @@ def _kitti(
             )
     if not files:
         raise nothing(training if training.is_dir() else path, wanted)
-    chosen = sorted(files) if split is None else [_stem(n) for n in names_in(split, path)]
-    missing = [n for n in chosen if n not in files]
-    if missing:
-        raise AnyNetError(
-            f"{root}: {split} names {missing[0]} and {len(missing) - 1} more that are not there with {wanted}"
-        )
-    excluded = set() if without is None else {_stem(n) for n in names_in(without, path)}
+
+    def named(file: str) -> list[str]:
+        stems = [_stem(name) for name in names_in(file, path)]
+        if missing := [stem for stem in stems if stem not in files]:
+            raise AnyNetError(
+                f"{root}: {file} names {missing[0]} and {len(missing) - 1} more that are not there with {wanted}"
+            )
+        return stems
+
+    chosen = sorted(files) if split is None else named(split)
+    excluded = [] if without is None else named(without)
     return PairFiles(name, [files[n] for n in chosen if n not in excluded])
 
 

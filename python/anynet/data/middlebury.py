@@ -5,6 +5,7 @@ A root is a folder of scenes, or one scene. Where a set has a truth for the righ
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -78,12 +79,13 @@ def middlebury2006(root: str | Path) -> PairFiles:
 def _modern(path: Path) -> Files | None:
     """im0.png, im1.png, disp0GT.pfm or disp0.pfm, with mask0nocc.png or the right view's truth where present."""
     image, second = path / "im0.png", path / "im1.png"
-    beside = path.parents[1] / "two_view_training_gt" / path.name if len(path.parents) > 1 else path
+    whole = Path(os.path.abspath(path))  # a relative path has not all parents; links stay what they are
+    beside = whole.parents[1] / "two_view_training_gt" / whole.name if len(whole.parents) > 1 else path
     truth = first_existing(place / file for place in (path, beside) for file in ("disp0GT.pfm", "disp0.pfm"))
     if truth is None or not image.exists():
         return None
     return Files(
-        name=path.name,
+        name=whole.name,
         left=image,
         right=second,
         disparity=truth,

@@ -47,11 +47,11 @@ def blurred(image: Image, sigma: float) -> Image:
 
 
 def compressed(image: Image, quality: int) -> Image:
-    """As JPEG of this quality, 1 to 100, gives it back."""
-    _, code = cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, quality))
+    """As JPEG of this quality, 1 to 100, gives it back; OpenCV has blue first."""
+    _, code = cv2.imencode(".jpg", image[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, quality))
     decoded = cv2.imdecode(code, cv2.IMREAD_COLOR)
     assert decoded is not None
-    return decoded.astype(np.uint8, copy=False)
+    return np.ascontiguousarray(decoded[..., ::-1], np.uint8)
 
 
 PERTURBATIONS: dict[str, Callable[[Image, Image, Rng], tuple[Image, Image]]] = {

@@ -42,7 +42,10 @@ def open_dataset(spec: str) -> Dataset:
             f"data set {spec!r}: expected KIND:ROOT[?OPTION=VALUE&...] with KIND one of {', '.join(sorted(OPENERS))}"
         )
     root, _, query = rest.partition("?")
-    options = dict(part.partition("=")[::2] for part in query.split("&") if part)
+    parts = [part.partition("=")[::2] for part in query.split("&") if part]
+    options = dict(parts)
+    if len(options) < len(parts):
+        raise AnyNetError(f"data set {spec!r}: expected each option once, got {query!r}")
     load = OPENERS[kind]
     known = list(signature(load).parameters)[1:]
     for option in options:

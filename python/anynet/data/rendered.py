@@ -7,6 +7,7 @@ import json
 import multiprocessing
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,7 @@ def write_rendered(
 ) -> Iterator[int]:
     """Renders pairs `seed` ... `seed` + `count` - 1 into a folder, yielding how many are there; files present are kept.
 
-    Raises AnyNetError if the folder holds pairs of another size, or cannot be written to.
+    Raises AnyNetError if the folder holds pairs of another size, or cannot be written to, or a process is killed.
     """
     make_folder(root)
     about = root / "render.json"
@@ -126,5 +127,9 @@ def write_rendered(
                 task.result()
                 done += 1
                 yield done
+        except BrokenProcessPool:
+            raise AnyNetError(
+                f"{root}: a worker was killed, perhaps for lack of memory: go on with fewer --workers"
+            ) from None
         finally:
             pool.shutdown(cancel_futures=True)

@@ -13,9 +13,9 @@ from anynet.camera import PairPreparation
 from anynet.errors import AnyNetError
 from anynet.evaluation.metrics import Disparity, Mask, Scores, mean, pooled, scores
 from anynet.evaluation.prepared import prepared
-from anynet.evaluation.truth import check_truth, with_truth
+from anynet.evaluation.truth import check_truth, counted, with_truth
 from anynet.predictor import Estimate
-from anynet.samples import MAX_DISPARITY, StereoSample
+from anynet.samples import StereoSample
 
 Image = npt.NDArray[np.uint8]
 Method = Callable[[Image, Image], Iterable[Estimate]]
@@ -65,7 +65,6 @@ def region_mask(sample: StereoSample, region: str, min_disparity: float = 0.0) -
     Raises:
         AnyNetError: if the sample does not tell the region.
     """
-    known = sample.valid & (sample.disparity > min_disparity) & (sample.disparity < MAX_DISPARITY)
     regions = {
         "all": sample.valid,
         "noc": sample.noc,
@@ -77,7 +76,7 @@ def region_mask(sample: StereoSample, region: str, min_disparity: float = 0.0) -
     chosen = regions[region]
     if chosen is None:
         raise AnyNetError(f"{sample.name}: the data do not tell {region!r} from other pixels")
-    mask: Mask = known & chosen
+    mask: Mask = counted(sample, min_disparity) & chosen
     return mask
 
 

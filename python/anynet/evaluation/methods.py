@@ -37,6 +37,4 @@ def open_method(
         return predictor.stages
     if precision != "float32":
         raise AnyNetError(f"{path}: expected precision 'float32' with a baseline's weights, got {precision!r}")
-    if input_scale is not None:
-        raise AnyNetError(f"{path}: expected no input_scale with a baseline's weights, got {input_scale:g}")
-    return BaselinePredictor(load_baseline(path), device=device, threads=threads).stages
+    return BaselinePredictor(load_baseline(path, input_scale), device=device, threads=threads).stages

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,42 @@ from anynet.samples import MAX_DISPARITY, StereoSample
 _FACTOR, _SPREAD = 1.4, 0.15  # truth to estimate, either way; and how little the factor's logarithm may vary (median)
 _FEWEST = 100  # pixels
 _NAMED = 8  # of the pairs without truth
+
+
+def counted(sample: StereoSample, min_disparity: float = 0.0) -> npt.NDArray[np.bool_]:
+    """Pixels that train and are measured: bool [H, W], known and min_disparity < d < 192."""
+    result: npt.NDArray[np.bool_] = (
+        sample.valid & (sample.disparity > min_disparity) & (sample.disparity < MAX_DISPARITY)
+    )
+    return result
+
+
+def check_counted(what: str, samples: Iterable[StereoSample]) -> None:
+    """Looks until it finds a pixel that counts, as a rule at the first sample.
+
+    Raises:
+        AnyNetError: if there is none.
+    """
+    first = ""
+    for sample in samples:
+        if counted(sample).any():
+            return
+        first = first or f"{sample.name}: {_uncounted(sample) or 'no known disparity'}"
+    raise AnyNetError(f"{what}: expected pairs with known disparities that count, got none; {first}")
+
+
+def _uncounted(sample: StereoSample) -> str:
+    """Why no known pixel of the sample counts; empty if one does, or none is known."""
+    known = sample.disparity[sample.valid]
+    if not known.size or counted(sample).any():
+        return ""
+    low, high = float(known.min()), float(known.max())
+    if high <= 0:
+        return (
+            f"no pixel counts (0 < d < {MAX_DISPARITY:g}): all known disparities are negative, {low:.4g} to "
+            f"{high:.4g}; is the sign the other way round, or depth read in the wrong unit (scale)?"
+        )
+    return f"no pixel counts (0 < d < {MAX_DISPARITY:g}): the known disparities are {low:.1f} to {high:.1f}"
 
 
 def with_truth(samples: Sequence[StereoSample]) -> Iterator[StereoSample]:
@@ -45,17 +81,8 @@ def check_truth(sample: StereoSample, estimate: npt.NDArray[np.float32]) -> list
         sample: the pair and its truth.
         estimate: a network's disparity of its left view, float32 [H, W], NaN where unknown.
     """
-    known = sample.disparity[sample.valid]
-    if not known.size:
-        return []
-    low, high = float(known.min()), float(known.max())
-    if high <= 0:
-        return [
-            f"no pixel counts (0 < d < {MAX_DISPARITY:g}): all known disparities are negative, {low:.4g} to "
-            f"{high:.4g}; is the sign the other way round, or depth read in the wrong unit (scale)?"
-        ]
-    if not ((known > 0) & (known < MAX_DISPARITY)).any():
-        return [f"no pixel counts (0 < d < {MAX_DISPARITY:g}): the known disparities are {low:.1f} to {high:.1f}"]
+    if reason := _uncounted(sample):
+        return [reason]
     both = sample.valid & (sample.disparity > 0) & (estimate > 1)
     if np.count_nonzero(both) < _FEWEST:
         return []

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 import torch
@@ -89,6 +91,23 @@ def _raising(loader: DataLoader[Item | AnyNetError]) -> Iterator[list[Tensor]]:
         if isinstance(batch, AnyNetError):
             raise batch
         yield batch
+
+
+@contextmanager
+def telling_killed_workers() -> Iterator[None]:
+    """PyTorch tells of them wherever the process is, not only where it waits for data.
+
+    Raises:
+        AnyNetError: if the kernel, or somebody, killed a process that prepares data.
+    """
+    try:
+        yield
+    except RuntimeError as error:
+        if not re.match(r"DataLoader worker \(pid.*(killed by signal|exited unexpectedly)", str(error)):
+            raise
+        raise AnyNetError(
+            "a worker was killed, perhaps for lack of memory: go on with --resume and fewer --workers"
+        ) from None
 
 
 def count_workers(recipe: Recipe, processes: Processes) -> int:

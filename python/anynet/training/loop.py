@@ -26,9 +26,10 @@ from anynet.device import HostCopy
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
 from anynet.evaluation.methods import open_method
+from anynet.evaluation.truth import check_counted
 from anynet.io.files import make_folder, read_bytes, remove_unfinished, telling_damage, write_atomically
 from anynet.model.anynet import AnyNet, normalize
-from anynet.training.batches import batches
+from anynet.training.batches import batches, telling_killed_workers
 from anynet.training.distributed import Processes, process_group, synchronize_batch_norm
 from anynet.training.graphs import GraphedStep
 from anynet.training.log import RunLog
@@ -79,11 +80,11 @@ def train(
             warnings.warn("amp is for CUDA: on a CPU it saves no time", stacklevel=2)
         if group.is_main:
             for what, samples in (("data", data), *((f"validation {name}", v) for name, v in validation.items())):
-                if not any(sample.valid.any() for sample in samples):  # the first one, as a rule
-                    raise AnyNetError(f"{what}: expected pairs with known disparities, got none")
-            _begin(recipe, out, resume)
+                check_counted(what, samples)
+            _check_free(recipe, out, resume)
         group.barrier()
-        return _Run(recipe, out, data, validation, group).go()
+        with telling_killed_workers():
+            return _Run(recipe, out, data, validation, group).go()
 
 
 @contextmanager
@@ -101,14 +102,13 @@ def _locked(out: Path) -> Iterator[None]:
         yield
 
 
-def _begin(recipe: Recipe, out: Path, resume: bool) -> None:
-    """Makes the folder a run of this recipe, or sees that it is one."""
+def _check_free(recipe: Recipe, out: Path, resume: bool) -> None:
+    """Sees that the folder holds no run, or this recipe's that is to go on."""
     stored = out / RECIPE
     if stored.exists():
         if not resume:
             raise AnyNetError(f"{out} holds a run already: resume it, or choose another folder")
         Recipe.load(stored).check_resumed(recipe)
-    write_atomically(stored, recipe.to_json().encode())
 
 
 def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
@@ -118,9 +118,10 @@ def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
     if recipe.weights is None:
         return AnyNet(recipe.network)
     if recipe.load_partial:
-        return load_partial(recipe.weights, recipe.network)
+        network, scale = recipe.network, recipe.input_scale
+        return load_partial(recipe.weights, network if scale is None else network.with_input_scale(scale))
     if stored_config(find_weights(recipe.weights)) is not None:
-        return load_baseline(recipe.weights)
+        return load_baseline(recipe.weights, recipe.input_scale)
     return load_checkpoint(recipe.weights, recipe.input_scale)
 
 
@@ -178,12 +179,14 @@ class _Run:
         path = self.out / LOG if self.group.is_main else None
         events = self.out / "tensorboard" if self.group.is_main and recipe.tensorboard else None
         with RunLog(path, self.step, self.steps, recipe.log_every, events) as log:
-            before = None
+            before, first = None, self.step
             while self.step < self.steps:
                 waiting().adapt()
                 began = time.perf_counter()
                 batch = next(loader)
                 waited = time.perf_counter() - began
+                if self.group.is_main and self.step == first:  # only now, so that mistakes leave the folder free
+                    write_atomically(self.out / RECIPE, recipe.to_json().encode())
                 values = HostCopy(self._update(batch))
                 if before is not None:
                     self._tell(log, before)  # only now: a GPU is not to stand still meanwhile
@@ -194,10 +197,10 @@ class _Run:
                 if saves or validates:
                     self._tell(log, before)  # which sees that it is sound
                     before = None
+                if self.group.is_main and validates:  # first: a run that goes on begins after what is saved
+                    log.validation(self.step, self._validate())
                 if self.group.is_main and saves:
                     self._save()
-                if self.group.is_main and validates:
-                    log.validation(self.step, self._validate())
             if self.group.is_main:
                 self._export()
         return self.out / WEIGHTS
@@ -268,6 +271,7 @@ class _Run:
     def _save(self) -> None:
         state = {
             "step": self.step,
+            "samples": len(self.data),
             "model": self.model.state_dict(),
             "average": self.average.state_dict(),
             "optimizer": self.optimizer.state_dict(),
@@ -282,6 +286,8 @@ class _Run:
         content = io.BytesIO(read_bytes(path))
         with telling_damage(path, "not a sound checkpoint of this run"):
             state = torch.load(content, map_location=self.group.device, weights_only=True)
+            if (samples := state.get("samples", len(self.data))) != len(self.data):  # the order goes by it
+                raise AnyNetError(f"{path}: expected {samples} pairs, as when the run began, got {len(self.data)}")
             if not isinstance(state["step"], int) or not 0 <= state["step"] <= self.steps:
                 raise AnyNetError(f"{path}: expected a step from 0 to {self.steps}, got {state['step']}")
             self.step = state["step"]

@@ -74,6 +74,10 @@ def test_every_split_wants_data(capsys: pytest.CaptureFixture[str]) -> None:
     twice = ["--weights", "paper", "--data", "render:1"] * 2
     assert main(["evaluate", "--splits", *twice]) == 2
     assert "expected splits that differ" in capsys.readouterr().err
+    mixed = ["--weights", "paper", "--method", "bm", "--data", SMALL, "--data", SMALL]
+    assert main(["evaluate", "--splits", *mixed]) == 2
+    streams = capsys.readouterr()
+    assert streams.err == "anynet: --splits: expected methods of as many stages, got 4, 1\n"
 
 
 @pytest.mark.parametrize("options", [[], ["--confidence"]])

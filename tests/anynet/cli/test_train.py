@@ -62,6 +62,27 @@ def test_an_interrupted_run_says_how_to_go_on(
     assert capsys.readouterr().err == (f"anynet: interrupted; to go on: anynet finetune --out {tmp_path} --resume\n")
 
 
+def test_another_preset_is_refused_on_resuming(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Recipe] = []
+    monkeypatch.setattr("anynet.training.loop.train", lambda recipe, out, resume: asked.append(recipe) or out)
+    stored = replace(PRESETS["paper"], steps=5, workers=3)
+    (tmp_path / "recipe.json").write_text(stored.to_json())
+    resume = ["train", "--out", str(tmp_path), "--resume"]
+    for options in ([], ["--preset", "paper", "--steps", "5"]):
+        assert main([*resume, *options]) == 0
+        assert asked.pop() == stored
+    for options, message in (
+        (["--preset", "fast"], "no preset 'fast'"),
+        (["--preset", "large", "--steps", "5"], "network was "),
+        (["--preset", "paper"], "steps was 5 when the run began, so it cannot be 8000"),
+    ):
+        assert main([*resume, *options]) == 2
+        assert capsys.readouterr().err.startswith(f"anynet: {message}")
+    assert not asked
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -72,6 +93,8 @@ def test_an_interrupted_run_says_how_to_go_on(
             "--network belongs to AnyNet from random weights, or to --load-partial",
         ),
         (["train", "--model", "psmnet", "--network", "groups=2"], "--network belongs to AnyNet"),
+        (["finetune", "--preset", "default"], "finetune: expected weights to begin with (--weights), got none"),
+        (["finetune", "--preset", "paper-kitti"], "finetune: expected weights to begin with (--weights), got none"),
     ],
 )
 def test_options_that_would_do_nothing(

@@ -60,6 +60,21 @@ def test_scale_multiplies_disparities() -> None:
         assert not changed.noc[:, : int(changed.disparity[0, 0])].any()
 
 
+@pytest.mark.parametrize("scale", [0.6, 0.8, 1.25, 1.6])
+def test_scaled_truth_lies_where_the_scaled_image_does(scale: float) -> None:
+    rows = np.repeat(np.arange(200, dtype=np.float32)[:, None], 240, 1)
+    image = np.repeat(rows[..., None].astype(np.uint8), 3, 2)
+    sample = StereoSample(image, image, rows / 4, rows > 100, foreground=rows > 100)
+    crop = (round(scale * 200), round(scale * 240))
+    dice = np.random.default_rng(0)
+    changed = augment(sample, crop, dice, scales=(scale, scale), photometric=False, occluders=0)
+    apart = changed.disparity * 4 / scale - changed.left[..., 0]
+    assert abs(apart[2:-2].mean()) < 0.15  # at the border, the image repeats itself
+    below = changed.disparity * 4 / scale > 100.5
+    assert np.array_equal(changed.valid, below)
+    assert np.array_equal(changed.foreground, below)
+
+
 def test_what_the_right_image_shows_is_not_occluded() -> None:
     image = np.zeros((20, 60, 3), np.uint8)
     disparity = np.full((20, 60), 10, np.float32)
@@ -100,6 +115,13 @@ def test_views_are_exposed_apart_and_the_right_one_is_occluded(rendered: Rendere
         hidden += different.any()
     assert 5 < apart < 20  # some pairs keep equal cameras
     assert hidden == 20
+
+
+@pytest.mark.parametrize("crop", [(64, 64), (64, 83), (256, 64)])
+def test_small_crops_are_occluded_too(rendered: RenderedSample, crop: tuple[int, int]) -> None:
+    for seed in range(10):
+        changed = augment(rendered, crop, np.random.default_rng(seed), occluders=1)
+        assert changed.left.shape == (*crop, 3)
 
 
 def test_input_is_not_changed(rendered: RenderedSample) -> None:

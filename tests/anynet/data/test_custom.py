@@ -90,6 +90,22 @@ def test_our_own_depth_is_a_truth(root: Path) -> None:
     assert sample.valid[0].tolist() == [False, False, False, True, True, True, True, True]
 
 
+def test_a_unit_belongs_to_depth(root: Path) -> None:
+    (root / "list.csv").write_text("left,right,disparity\nleft/a.png,right/a.png,disparity/a.pfm\n")
+    with pytest.raises(AnyNetError, match=r"expected a unit of m, dm, .*, got 'parsec'"):
+        open_dataset(f"csv:{root}/list.csv?unit=parsec")
+    with pytest.raises(AnyNetError, match=r"list\.csv: expected a column depth, to which unit belongs, got none"):
+        open_dataset(f"csv:{root}/list.csv?unit=mm")
+
+
+def test_a_calibration_without_a_baseline(root: Path) -> None:
+    write_depth(root / "depth.tiff", np.full((6, 8), 3, np.float32))
+    (root / "calib.txt").write_text(CALIBRATION.format(8).replace("baseline=120\n", ""))
+    (root / "list.csv").write_text("left,right,depth,calibration\nleft/a.png,right/a.png,depth.tiff,calib.txt\n")
+    with pytest.raises(AnyNetError, match=r"lacks baseline: give --baseline, or add it to the file$"):
+        open_dataset(f"csv:{root}/list.csv")[0]
+
+
 def test_a_calibration_of_another_size(root: Path) -> None:
     write_depth(root / "depth.tiff", np.full((6, 8), 3, np.float32))
     (root / "calib.txt").write_text(CALIBRATION.format(16))

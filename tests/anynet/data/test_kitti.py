@@ -33,9 +33,12 @@ def test_kitti_layouts(tmp_path: Path, kind: str, left: str, right: str, suffix:
     assert occ[0].foreground.sum() == min(SIZE)
     (tmp_path / "list.txt").write_text("000003\n000000_10.png\n")
     assert [s.name for s in open_dataset(f"{kind}:{tmp_path}?split=list.txt")] == ["000003_10", "000000_10"]
-    (tmp_path / "list.txt").write_text("000009\n")
-    with pytest.raises(AnyNetError, match="names 000009_10"):
-        open_dataset(f"{kind}:{tmp_path}?split=list.txt")
+    (tmp_path / "list.txt").write_text("000003\n")
+    assert [s.name for s in open_dataset(f"{kind}:{tmp_path}?without=list.txt")] == ["000000_10"]
+    (tmp_path / "list.txt").write_text("000009\n3\n000003\n")
+    for option in ("split", "without"):
+        with pytest.raises(AnyNetError, match="names 000009_10 and 1 more that are not there"):
+            open_dataset(f"{kind}:{tmp_path}?{option}=list.txt")
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe1", b"\xe9\n"])

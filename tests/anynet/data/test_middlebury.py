@@ -31,6 +31,17 @@ def test_middlebury_and_eth3d_layouts(tmp_path: Path) -> None:
     assert not open_dataset(f"eth3d:{field}")[0].noc.any()
 
 
+@pytest.mark.parametrize(
+    ("place", "root"),
+    [("two_view_training", "."), ("two_view_training/forest", "."), ("two_view_training/forest", "..")],
+)
+def test_eth3d_from_inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, root: str) -> None:
+    tree(tmp_path, "two_view_training/forest/im0.png", "two_view_training/forest/im1.png")
+    tree(tmp_path, "two_view_training_gt/forest/disp0GT.pfm")
+    monkeypatch.chdir(tmp_path / place)
+    check(open_dataset(f"eth3d:{root}"), ["forest"])
+
+
 def test_scale_of_middlebury_2006_follows_the_size(tmp_path: Path) -> None:
     for height, level in ((370, 30), (555, 20), (1110, 10)):
         scene = tmp_path / f"scene{height}"

@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import io
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from anynet.data.augment import augment
 from anynet.data.perturb import PERTURBATIONS, as_by_a_rig, blurred, compressed, exposed, lowered, noisy
@@ -46,6 +49,13 @@ def test_noise_blur_and_compression(image: np.ndarray) -> None:
     assert blurred(image, 1).std() < image.std()
     losses = [np.abs(compressed(image, quality).astype(int) - image).mean() for quality in (95, 30)]
     assert 0 < losses[0] < losses[1]
+
+
+def test_compression_is_that_of_other_programs(image: np.ndarray) -> None:
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, "JPEG", quality=30)
+    apart = np.abs(compressed(image, 30).astype(int) - np.asarray(Image.open(file)))
+    assert apart.mean() < 1  # with red and blue exchanged, 3.4
 
 
 @pytest.mark.parametrize("name", PERTURBATIONS)

@@ -76,6 +76,7 @@ def test_specs(tmp_path: Path) -> None:
         ("somewhere", "expected KIND:ROOT"),
         ("moon:somewhere", "expected KIND:ROOT"),
         ("rendered:somewhere?color=red", "expected no options, got 'color'"),
+        ("folders:somewhere?scale=4&scale=9", "expected each option once, got 'scale=4&scale=9'"),
         ("folders:somewhere?scales=4", "expected options among scale, got 'scales'"),
         ("render:3?hight=96", "expected options among seed, height, width, got 'hight'"),
         ("rendered:/nowhere", "expected files NNNNNNN.npy written by `anynet render`, found none"),

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from anynet.data.rendered import RenderedFolder, write_rendered
@@ -26,6 +27,16 @@ def test_folder_holds_what_was_rendered_and_is_resumed(tmp_path: Path) -> None:
     assert np.array_equal(stored.right, fresh.right)
     assert np.abs(stored.disparity - fresh.disparity).max() <= 1 / 512
     assert np.array_equal(stored.right_occluded, fresh.right_occluded)
+
+
+def test_a_killed_worker_is_told(tmp_path: Path) -> None:
+    steps = write_rendered(tmp_path, 50, height=96, width=128)
+    assert [next(steps), next(steps)] == [0, 1]
+    (worker,) = (p for p in psutil.Process().children() if "spawn_main" in " ".join(p.cmdline()))
+    worker.kill()
+    with pytest.raises(AnyNetError, match="a worker was killed, perhaps for lack of memory: go on with fewer"):
+        list(steps)
+    assert len(list(write_rendered(tmp_path, 2, height=96, width=128))) < 3
 
 
 def test_folder_of_another_size_is_refused(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import multiprocessing
 import os
 import signal
 import time
@@ -23,7 +24,9 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from anynet import cli
 from anynet.baselines.model import MODELS
 from anynet.checkpoint import load_checkpoint
+from anynet.data import StereoSample
 from anynet.errors import AnyNetError
+from anynet.evaluation.evaluate import Evaluation
 from anynet.model.anynet import AnyNet
 from anynet.model.config import AnyNetConfig, FirstStageConfig
 from anynet.training import loop
@@ -39,6 +42,26 @@ def test_the_loss_falls_and_the_weights_are_measured(tmp_path: Path) -> None:
     assert validation["validation"] == "planes"
     assert len(validation["d1"]) == 4
     assert weights == tmp_path / WEIGHTS
+
+
+@pytest.mark.parametrize("step", [2, 4])
+def test_an_interrupted_validation_is_made_on_resuming(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
+) -> None:
+    recipe = replace(RECIPE, steps=4, validate_every=2)
+
+    def interrupted(run: loop._Run) -> dict[str, Evaluation]:
+        if run.step == step:
+            raise KeyboardInterrupt
+        return {}
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop._Run, "_validate", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            train(recipe, tmp_path, data=Planes(4), validation={"planes": Planes(1)})
+    train(recipe, tmp_path, resume=True, data=Planes(4), validation={"planes": Planes(1)})
+    validated = [line["step"] for line in log_lines(tmp_path) if "validation" in line]
+    assert step in validated
 
 
 @pytest.mark.slow
@@ -196,6 +219,17 @@ def test_two_processes_do_not_train_in_one_folder(tmp_path: Path, monkeypatch: p
         train(replace(RECIPE, steps=5), tmp_path, data=Planes(10), resume=True)
 
 
+def test_a_killed_worker_is_told(tmp_path: Path) -> None:
+    class Deadly(Planes):
+        def __getitem__(self, index: int) -> StereoSample:  # type: ignore[override]
+            if multiprocessing.parent_process() is not None:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return super().__getitem__(index)
+
+    with pytest.raises(AnyNetError, match="a worker was killed, perhaps for lack of memory: go on with --resume"):
+        train(replace(RECIPE, workers=1), tmp_path, data=Deadly(70))  # more than are decoded beforehand
+
+
 def test_a_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:
     recipe = replace(RECIPE, steps=2)
     train(recipe, tmp_path, data=Planes(4))
@@ -208,6 +242,19 @@ def test_a_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:
 def test_stage_weights_must_fit_the_network(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match="expected 4, one per stage, got 3"):
         train(replace(RECIPE, stage_weights=(1.0, 1.0, 1.0)), tmp_path, data=Planes(4))
+
+
+def test_a_mistake_in_the_options_leaves_the_folder_free(tmp_path: Path) -> None:
+    right = replace(RECIPE, steps=1)
+    for wrong, message in (
+        (replace(right, stage_weights=(1.0,)), "stage_weights"),
+        (replace(right, weights="nowhere"), "expected a file of weights"),
+        (replace(right, crop_size=(64, 512)), "does not fit"),
+        (replace(right, steps=None), "steps or epochs"),
+    ):
+        with pytest.raises(AnyNetError, match=message):
+            train(wrong, tmp_path, data=Planes(4))
+    train(right, tmp_path, data=Planes(4))
 
 
 def test_stages_without_weight_neither_run_nor_change(tmp_path: Path) -> None:
@@ -237,15 +284,30 @@ def test_partial_weights_begin_a_larger_network(tmp_path: Path) -> None:
             torch.testing.assert_close(large.state_dict()[name], value, rtol=0, atol=1e-7)
 
 
+def test_an_input_scale_is_taken_or_refused(tmp_path: Path) -> None:
+    small = replace(RECIPE, steps=1, batch_size=1)
+    scaled = replace(small, input_scale=2.0, weights="paper", load_partial=True)
+    found = load_checkpoint(train(scaled, tmp_path / "partial", data=Planes(2))).config
+    assert found == scaled.network.with_input_scale(2)
+    weights = train(replace(small, model="nvtiny", input_scale=0.5), tmp_path / "baseline", data=Planes(2))
+    with pytest.raises(AnyNetError, match="expected no input_scale with a baseline's weights, got 2"):
+        train(replace(small, input_scale=2.0, weights=str(weights)), tmp_path / "other", data=Planes(2))
+
+
 def test_nothing_to_train_on(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match="expected pairs to train on"):
         train(RECIPE, tmp_path, data=Planes(0))
     sample = Planes(1)[0]
     unknown = [replace(sample, valid=np.zeros_like(sample.valid))]
-    with pytest.raises(AnyNetError, match="data: expected pairs with known disparities, got none"):
+    nothing = "expected pairs with known disparities that count, got none; plane 0: no known disparity"
+    with pytest.raises(AnyNetError, match=f"data: {nothing}"):
         train(RECIPE, tmp_path, data=unknown)
-    with pytest.raises(AnyNetError, match="validation mine: expected pairs with known disparities, got none"):
+    with pytest.raises(AnyNetError, match=f"validation mine: {nothing}"):
         train(RECIPE, tmp_path, data=Planes(4), validation={"mine": unknown})  # before the steps, not after them
+    for factor, found in ((-1, "all known disparities are negative"), (256, "the known disparities are 5120")):
+        wrong = [replace(sample, disparity=sample.disparity * np.float32(factor))]
+        with pytest.raises(AnyNetError, match=rf"data: .*; plane 0: no pixel counts \(0 < d < 192\): {found}"):
+            train(RECIPE, tmp_path, data=wrong)
     assert not (tmp_path / LOG).exists()
 
 
@@ -267,6 +329,16 @@ def stopped(tmp_path):
             train(recipe, tmp_path, data=Planes(10))
     assert torch.load(tmp_path / CHECKPOINT, weights_only=True)["step"] == 2
     return recipe, tmp_path
+
+
+def test_a_run_goes_on_with_as_many_pairs(stopped):
+    recipe, out = stopped
+    with pytest.raises(AnyNetError, match=r"checkpoint\.pt: expected 10 pairs, as when the run began, got 11"):
+        train(recipe, out, resume=True, data=Planes(11))
+    state = torch.load(out / CHECKPOINT, weights_only=True)
+    del state["samples"]  # of an earlier version
+    torch.save(state, out / CHECKPOINT)
+    train(recipe, out, resume=True, data=Planes(11))
 
 
 def _damaged(content: bytes) -> dict[str, bytes]:
