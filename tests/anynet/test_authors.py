@@ -54,3 +54,10 @@ def test_other_files(tmp_path: Path, content: object) -> None:
     torch.save(content, tmp_path / "other.tar")
     with pytest.raises(AnyNetError, match=r"other\.tar[^\n]*\Z"):
         load_checkpoint(tmp_path / "other.tar")
+
+
+def test_our_own_names_are_not_theirs(tmp_path: Path) -> None:
+    """Their networks reverse the residual stages' disparities; these weights would be read as such ones."""
+    torch.save({"state_dict": AnyNet(presets.paper()).state_dict()}, tmp_path / "mine.tar")
+    with pytest.raises(AnyNetError, match=r"mine\.tar: expected names of the authors' tensors, got 'features\."):
+        load_checkpoint(tmp_path / "mine.tar")
