@@ -7,7 +7,7 @@ import math
 import os
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
@@ -100,9 +100,11 @@ class Predictor:
             except RuntimeError as error:  # of CUDA
                 raise AnyNetError(f"device {device!r}: {one_line(error)}") from error
             self._clock = DeviceClock(self.device)
-        self._weights = weights
-        self._confidence: ConfidenceModel | None = None
         self.config = network.config
+        self._path = find_weights(weights).absolute()
+        self._confidence: ConfidenceModel | None = None
+        with suppress(AnyNetError):  # told when it is asked for
+            self._confidence_model()
         self.threads = threads
         self._latencies = LatencyTable(self.config.stages)
         _keep_freed_memory()
@@ -161,7 +163,7 @@ class Predictor:
     def _confidence_model(self) -> ConfidenceModel:
         """Of these weights, or, uncalibrated, of the packaged ones."""
         if self._confidence is None:
-            own = find_weights(self._weights).with_suffix(".confidence.json")
+            own = self._path.with_suffix(".confidence.json")
             path = own if own.is_file() else PACKAGED / "default.confidence.json"
             if path != own and self.config.stages != 4:
                 raise AnyNetError(f"confidence: expected {own} for a network of {self.config.stages} stages")

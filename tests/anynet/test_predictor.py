@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 import pickle
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +22,7 @@ from networks import with_weights_of
 
 from anynet import AnyNet, Estimate, Predictor, load_checkpoint, save_checkpoint
 from anynet import predictor as predictor_module
+from anynet.checkpoint import PACKAGED
 from anynet.errors import AnyNetError
 from anynet.model.config import MEAN, STD, RefinementConfig
 
@@ -306,6 +308,33 @@ def test_a_predictor_can_be_pickled(predictor: Predictor) -> None:
     images = pair(32, 48)
     copy = pickle.loads(pickle.dumps(predictor))
     np.testing.assert_array_equal(copy.predict(*images).disparity, predictor.predict(*images).disparity)
+
+
+def test_the_confidence_model_is_that_of_the_weights_when_they_were_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    images, model = pair(32, 48), (PACKAGED / "large.confidence.json").read_bytes()
+    for name in ("before", "now"):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path / "before")
+    save_checkpoint("own.safetensors", load_checkpoint("large"))
+    Path("own.confidence.json").write_bytes(model)
+    predictor = Predictor("own.safetensors")
+    expected = Predictor("large").predict(*images, confidence=True).confidence
+    monkeypatch.chdir(tmp_path / "now")
+    np.testing.assert_array_equal(predictor.predict(*images, confidence=True).confidence, expected)
+    shutil.rmtree(tmp_path / "before")
+    copy = pickle.loads(pickle.dumps(predictor))
+    np.testing.assert_array_equal(copy.predict(*images, confidence=True).confidence, expected)
+
+
+def test_a_damaged_confidence_model_is_told_when_it_is_asked_for(tmp_path: Path, wild_model: AnyNet) -> None:
+    save_checkpoint(tmp_path / "own.safetensors", wild_model)
+    (tmp_path / "own.confidence.json").write_text("{}")
+    predictor = Predictor(tmp_path / "own.safetensors")
+    assert predictor.predict(*pair(16, 16)).stage == 4
+    with pytest.raises(AnyNetError, match="own.confidence.json: not a confidence model"):
+        predictor.predict(*pair(16, 16), confidence=True)
 
 
 @pytest.mark.slow
