@@ -134,10 +134,10 @@ class Predictor:
         return self._estimates(frame, start)
 
     def _estimates(self, frame: Frame, start: float) -> Iterator[Estimate]:
-        with inference(self.threads):
+        with inference(self.device, self.threads):
             steps = frame.steps()
         for stage in range(1, self.config.stages + 1):
-            with inference(self.threads):
+            with inference(self.device, self.threads):
                 maps = frame.maps(stage, *next(steps))
             yield Estimate(stage, maps.disparity, 1e3 * (perf_counter() - start), **maps.trust)
 
@@ -208,7 +208,7 @@ class Predictor:
         frame = self._frame("predict", left, right, *asked)
         last = last_stage_of("predict", stage, self.config.stages)
         budget = budget_of("predict", budget_ms)
-        with inference(self.threads) as threads:
+        with inference(self.device, self.threads) as threads:
             latencies = self._latencies[frame.kind, threads]
             steps = frame.steps()
             prepared = perf_counter() - start
@@ -242,15 +242,18 @@ class HostClock:
 
 
 @contextmanager
-def inference(threads: int | None) -> Iterator[int]:
-    """Inference mode on so many threads, by default as many as PyTorch uses; gives their number."""
+def inference(device: torch.device, threads: int | None) -> Iterator[int]:
+    """Inference mode on so many threads, by default as many as PyTorch uses; gives their number.
+
+    The caller's autocast, which would give operators of float32 other types, does not reach into it.
+    """
     before = torch.get_num_threads()
     threads = 1 if _forked else threads or before
     with computing():
         if threads != before:
             torch.set_num_threads(threads)
         try:
-            with torch.inference_mode():
+            with torch.inference_mode(), torch.autocast(device.type, enabled=False):
                 yield threads
         except torch.OutOfMemoryError as error:  # a GPU's
             raise AnyNetError(one_line(error)) from error

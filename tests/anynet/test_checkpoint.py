@@ -107,9 +107,7 @@ def test_missing_and_foreign_files(tmp_path: Path, saved: Path) -> None:
     with pytest.raises(AnyNetError, match=r"other.tar.*state_dict"):
         load_checkpoint(tmp_path / "other.tar")
     torch.save({"state_dict": {"module.fc.weight": torch.zeros(3)}}, tmp_path / "resnet.tar")
-    with pytest.raises(
-        AnyNetError, match=r"resnet.tar: expected names of the authors' tensors, got 'module.fc.weight'"
-    ):
+    with pytest.raises(AnyNetError, match=r"resnet.tar: expected names of the authors' tensors, got 'module.fc.w"):
         load_checkpoint(tmp_path / "resnet.tar")
     save_file({"fc.weight": torch.zeros(3)}, tmp_path / "other.safetensors")
     with pytest.raises(AnyNetError, match=r"other.safetensors: its configuration is not AnyNet's"):

@@ -333,7 +333,7 @@ def test_a_damaged_confidence_model_is_told_when_it_is_asked_for(tmp_path: Path,
     (tmp_path / "own.confidence.json").write_text("{}")
     predictor = Predictor(tmp_path / "own.safetensors")
     assert predictor.predict(*pair(16, 16)).stage == 4
-    with pytest.raises(AnyNetError, match="own.confidence.json: not a confidence model"):
+    with pytest.raises(AnyNetError, match=r"own\.confidence\.json: not a confidence model"):
         predictor.predict(*pair(16, 16), confidence=True)
 
 
@@ -417,6 +417,18 @@ def test_confidence_changes_no_disparity(input_scale: float, left_right: bool) -
         alone = predictor.predict(left, right, stage=after.stage, confidence=True, left_right=left_right)
         np.testing.assert_array_equal(alone.confidence, after.confidence)
         np.testing.assert_array_equal(alone.occluded, after.occluded)
+
+
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
+@pytest.mark.parametrize("input_scale", [1, 0.6])
+def test_the_callers_autocast_changes_nothing(input_scale: float, dtype: torch.dtype) -> None:
+    predictor, images = Predictor("paper", input_scale=input_scale), pair(40, 60)
+    for given in (images, tuple(map(torch.from_numpy, images))):
+        expected = predictor.predict(*given, confidence=True, left_right=True)
+        with torch.autocast("cpu", dtype):
+            estimate = predictor.predict(*given, confidence=True, left_right=True)
+        for name in ("disparity", "confidence", "occluded"):
+            np.testing.assert_array_equal(getattr(estimate, name), getattr(expected, name))
 
 
 @pytest.mark.parametrize("input_scale", [1, 0.6])

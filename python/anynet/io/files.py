@@ -129,7 +129,7 @@ def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """For writers that open files themselves: a path of the same name to write to, which then takes the place of `path`.
+    """For writers that open files themselves: a path of the same name to write to, which then takes `path`'s place.
 
     Raises:
         AnyNetError: as `write_atomically`. `path` is then as it was before, as on errors of the writer.
