@@ -21,6 +21,7 @@ from anynet.io.files import write_atomically
 from anynet.model.anynet import AnyNet
 from anynet.model.config import AnyNetConfig
 from anynet.model.presets import authors
+from anynet.shutdown import computing
 
 if TYPE_CHECKING:
     from anynet.baselines.model import BaselineModel
@@ -54,6 +55,7 @@ def save_checkpoint(
     write_atomically(path, save(tensors, header))
 
 
+@computing()
 def load_checkpoint(weights: str | os.PathLike[str], input_scale: float | None = None) -> AnyNet:
     """The network with its weights, in eval mode, on the CPU.
 
@@ -75,6 +77,7 @@ def load_checkpoint(weights: str | os.PathLike[str], input_scale: float | None =
     return model.eval()
 
 
+@computing()
 def load_partial(weights: str | os.PathLike[str], config: AnyNetConfig) -> AnyNet:
     """A network of this configuration, in eval mode, with all weights that have their place in it.
 
@@ -126,7 +129,7 @@ class _Checkpoint:
 
 
 def check_tensors(path: Path, config: object, tensors: Mapping[str, Tensor], own: Mapping[str, Tensor]) -> None:
-    """Raises AnyNetError unless a file's tensors are those of the configured network, whose own are `own`, and finite."""
+    """Raises AnyNetError unless a file's tensors are those of the configured network, whose own are `own`, all finite."""
 
     def expected(what: str) -> AnyNetError:
         return AnyNetError(f"{path}: expected weights of {config}; {what}")

@@ -73,6 +73,7 @@ class Predictor:
         AnyNetError: if an argument is not that, or the weights, the device or the precision cannot be used.
     """
 
+    @computing()
     def __init__(
         self,
         weights: str | os.PathLike[str] = "default",
