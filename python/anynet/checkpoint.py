@@ -129,7 +129,7 @@ class _Checkpoint:
 
 
 def check_tensors(path: Path, config: object, tensors: Mapping[str, Tensor], own: Mapping[str, Tensor]) -> None:
-    """Raises AnyNetError unless a file's tensors are those of the configured network, whose own are `own`, all finite."""
+    """Raises AnyNetError unless a file's tensors are those of the configured network, whose own are `own`; finite."""
 
     def expected(what: str) -> AnyNetError:
         return AnyNetError(f"{path}: expected weights of {config}; {what}")
