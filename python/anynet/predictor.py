@@ -110,6 +110,10 @@ class Predictor:
         self._latencies = LatencyTable(self.config.stages)
         _keep_freed_memory()
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _process=os.getpid())
+        _keep_freed_memory()
+
     def stages(
         self,
         left: Image,

@@ -25,6 +25,7 @@ from anynet import predictor as predictor_module
 from anynet.checkpoint import PACKAGED
 from anynet.errors import AnyNetError
 from anynet.model.config import MEAN, STD, RefinementConfig
+from anynet.model.graphs import GraphedAnyNet
 
 
 @pytest.fixture(scope="module")
@@ -308,6 +309,22 @@ def test_a_predictor_can_be_pickled(predictor: Predictor) -> None:
     images = pair(32, 48)
     copy = pickle.loads(pickle.dumps(predictor))
     np.testing.assert_array_equal(copy.predict(*images).disparity, predictor.predict(*images).disparity)
+
+
+def test_one_of_a_gpu_belongs_to_the_process_that_unpickles_it(weights: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Simulated: a generator cannot be pickled either, as a captured graph cannot."""
+    original, images = Predictor(weights), pair(16, 16)
+    original._network = graphed = GraphedAnyNet(original._network)
+    original.device = torch.device("cuda", 0)
+    graphed._free[16, 16, 3].append(part for part in ())
+    content = pickle.dumps(original)
+    assert len(graphed._free) == 1
+    monkeypatch.setattr(os, "getpid", lambda: 1)
+    with pytest.raises(AnyNetError, match="expected the process that made the predictor"):
+        original.stages(*images)
+    copy = pickle.loads(content)
+    assert len(copy._network._free) == 0
+    copy.stages(*images)
 
 
 def test_the_confidence_model_is_that_of_the_weights_when_they_were_loaded(

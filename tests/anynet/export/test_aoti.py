@@ -29,9 +29,9 @@ def test_it_is_for_one_size(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("compiler", ["/none/c++", "false"])
 def test_a_compiler_that_does_not_work(small_weights: Path, tmp_path: Path, compiler: str) -> None:
-    with torch._inductor.config.patch({"cpp.cxx": (compiler,)}):
-        with pytest.raises(AnyNetError, match=r"export: the C\+\+ compiler failed: [^\n]+\Z"):
-            export_as("aoti", Request(small_weights, 17, 17, stages=1), tmp_path / "network.pt2")
+    chosen = torch._inductor.config.patch({"cpp.cxx": (compiler,)})
+    with chosen, pytest.raises(AnyNetError, match=r"export: the C\+\+ compiler failed: [^\n]+\Z"):
+        export_as("aoti", Request(small_weights, 17, 17, stages=1), tmp_path / "network.pt2")
     assert not list(tmp_path.iterdir())
 
 
