@@ -130,7 +130,7 @@ def test_tensors_are_resized_as_arrays_are(input_scale: float) -> None:
     left, right = texture[:, :208].copy(), texture[:, 6:].copy()
     expected = predictor.predict(left, right).disparity
     out = predictor.predict(torch.from_numpy(left), torch.from_numpy(right)).disparity
-    assert np.abs(out.numpy() - expected).mean() < 0.02
+    assert np.abs(out.numpy() - expected).mean() < (0.001 if input_scale == 0.5 else 0.02)
 
 
 @pytest.mark.parametrize("input_scale", [0, -1, 5, float("nan")])
