@@ -26,7 +26,7 @@ from anynet.model.confidence import ConfidenceModel
 from anynet.model.deploy import DeployedAnyNet
 from anynet.model.graphs import GraphedAnyNet
 from anynet.samples import MAX_DISPARITY
-from anynet.scheduler import MAX_THREADS, LatencyTable, budget_of, last_stage_of
+from anynet.scheduler import MAX_THREADS, LatencyTable, budget_of, check_flags, last_stage_of
 from anynet.shutdown import computing
 from anynet.waiting import waiting
 
@@ -147,11 +147,7 @@ class Predictor:
             yield Estimate(stage, maps.disparity, 1e3 * (perf_counter() - start), **maps.trust)
 
     def _frame(self, method: str, left: Any, right: Any, confidence: object, left_right: object, view: object) -> Frame:
-        for name, value in (("confidence", confidence), ("left_right", left_right)):
-            if not isinstance(value, bool):
-                raise AnyNetError(f"{method}: expected {name} as True or False, got {value!r}")
-        if left_right and not confidence:
-            raise AnyNetError(f"{method}: expected left_right together with confidence")
+        check_flags(method, confidence=confidence, left_right=left_right)
         if view not in ("left", "right"):
             raise AnyNetError(f"{method}: expected view as 'left' or 'right', got {view!r}")
         images = check_images(left, right, self.device)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from itertools import islice
-from numbers import Integral
 
 import torch
 import torch.nn.functional as F
@@ -17,6 +16,7 @@ from anynet.model.features import SeparateFeatures, UNet
 from anynet.model.first_stage import first_stage
 from anynet.model.refinement import Refinement
 from anynet.model.residual_stage import residual_stage
+from anynet.scheduler import last_stage_of
 from anynet_ext import resize
 
 
@@ -38,9 +38,8 @@ class AnyNet(nn.Module):
 
     def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
         """The first `stages` estimates (default: all), each [N, 1, H, W]; differentiable."""
-        if stages is not None and (not isinstance(stages, Integral) or not 1 <= stages <= self.config.stages):
-            raise AnyNetError(f"AnyNet: expected stages from 1 to {self.config.stages}, got {stages!r}")
-        return list(islice(self.stages(left, right), stages))
+        last = last_stage_of("AnyNet", stages, self.config.stages, "stages")
+        return list(islice(self.stages(left, right), last))
 
     def stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
         """The estimates one by one; each is computed, its part of the U-Net included, when it is asked for.

@@ -170,7 +170,7 @@ def test_errors_name_what_came(model: AnyNet) -> None:
         model(left, right[..., :15])
     with pytest.raises(AnyNetError, match=r"one shape \[N, 3, H, W\]"):
         model(left[0], right[0])
-    for stages in (2.5, "2"):
+    for stages in (2.5, "2", True):
         with pytest.raises(AnyNetError, match=f"stages from 1 to 4, got {stages!r}"):
             model(left, right, stages=stages)
 
