@@ -125,6 +125,8 @@ class Predictor:
     ) -> Iterator[Estimate]:
         """The estimates, each computed when it is asked for; `elapsed_ms` includes the caller's time in between.
 
+        The images are not copied: they must stay as they are until the last estimate has come.
+
         Args:
             left, right: a rectified pair, [H, W, 3] uint8 RGB of any size: arrays, or tensors on its device.
             confidence: also how far to trust every pixel, and which ones the other camera does not see.
