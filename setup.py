@@ -1,7 +1,8 @@
 """Builds the native libraries: CMake knows the sources, this file only drives it.
 
 Environment variables: ANYNET_CUDA=ON, OFF or AUTO; ANYNET_TORCH_DIR, a torch package whose headers to use; CMAKE_ARGS;
-ANYNET_KERNELS=OFF leaves out _kernels, which only the tests need and which alone ties a wheel to one version of Python.
+ANYNET_KERNELS=ON, or OFF, which leaves out _kernels: only the tests need them, and they alone tie a wheel to one
+version of Python.
 """
 
 import os
@@ -22,6 +23,8 @@ sys.path.insert(0, str(ROOT / "build_backend"))
 from backend import OLDEST_TORCH, find_opencv, find_torch  # noqa: E402
 
 KERNELS = os.environ.get("ANYNET_KERNELS", "ON")
+if KERNELS not in ("ON", "OFF"):  # of all that CMake takes for one of the two, these: the wheel's name follows from it
+    raise SystemExit(f"ANYNET_KERNELS: expected ON or OFF, got {KERNELS}")
 
 
 def own_pybind11(folder: Path) -> Path:

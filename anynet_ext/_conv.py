@@ -165,7 +165,7 @@ def _register(name: str, dimensions: int) -> None:
     op = f"anynet::{name}"
     backward_input = getattr(torch.ops.anynet, f"{name}_backward_input")
     backward_weight = getattr(torch.ops.anynet, f"{name}_backward_weight")
-    channels_last = (1, -1, *[1] * dimensions)  # shape of a per-channel vector that multiplies a tensor
+    per_channel = (1, -1, *[1] * dimensions)  # shape of a per-channel vector that multiplies a tensor
 
     def _fake(
         input: Tensor,
@@ -193,7 +193,7 @@ def _register(name: str, dimensions: int) -> None:
     def _affine(input: Tensor, scale: Tensor | None, shift: Tensor | None) -> Tensor:
         if scale is None or shift is None:
             return input
-        return input * scale.view(channels_last) + shift.view(channels_last)
+        return input * scale.view(per_channel) + shift.view(per_channel)
 
     def _convolution_backward(
         grad: Tensor, input: Tensor, weight: Tensor, stride: int, mask: list[bool]
@@ -240,7 +240,7 @@ def _register(name: str, dimensions: int) -> None:
             if scale is not None:
                 pixels = [0, *range(2, input.dim())]
                 grad_scale, grad_shift = (grad_input * input).sum(pixels), grad_input.sum(pixels)
-                grad_input = grad_input * scale.view(channels_last)
+                grad_input = grad_input * scale.view(per_channel)
         return (
             grad_input,
             grad_weight,

@@ -25,7 +25,7 @@ import numpy as np
 from anynet import AnyNetError, Estimate, Predictor
 from anynet.cli.pairs import find_pairs
 from anynet.io import read_pair, write_disparity
-from anynet.io.files import make_folder, write_atomically
+from anynet.io.files import make_folder, read_text, telling_damage, write_atomically
 
 
 class Actor:
@@ -69,10 +69,15 @@ def write_parquet(folder: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def listed(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    if not rows or not {"left", "right"} <= rows[0].keys():
-        raise AnyNetError(f"{path}: expected a CSV file with columns left and right")
+    """The pairs of a list.
+
+    Raises:
+        AnyNetError: if the file cannot be read, or a row lacks one of the two.
+    """
+    with telling_damage(path, "not a CSV file"):
+        rows = list(csv.DictReader(io.StringIO(read_text(path), newline="")))
+    if not rows or not all(row.get("left") and row.get("right") for row in rows):
+        raise AnyNetError(f"{path}: expected a CSV file with columns left and right, both in every row")
     places = [{side: str((path.parent / row[side]).absolute()) for side in ("left", "right")} for row in rows]
     # Numbered, for files of one name in different folders.
     return [{"name": f"{i:08d}_{Path(place['left']).stem}", **place} for i, place in enumerate(places)]
@@ -90,6 +95,13 @@ def done(folder: Path, format: str) -> set[str]:
     return names
 
 
+def count(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise ValueError
+    return number
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("images", nargs="*", metavar="LEFT RIGHT")
@@ -97,10 +109,10 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--format", choices=["files", "parquet"], default="files")
     parser.add_argument("--weights", default="default")
-    parser.add_argument("--stage", type=int)
-    parser.add_argument("--actors", type=int, default=2)
-    parser.add_argument("--threads", type=int, default=1, help="of each actor")
-    parser.add_argument("--batch", type=int, default=16, help="pairs that an actor gets at a time")
+    parser.add_argument("--stage", type=count)
+    parser.add_argument("--actors", type=count, default=2)
+    parser.add_argument("--threads", type=count, default=1, help="of each actor")
+    parser.add_argument("--batch", type=count, default=16, help="pairs that an actor gets at a time")
     options = parser.parse_args()
     if (options.list is None) != (len(options.images) == 2):
         parser.error("expected LEFT and RIGHT, or --list")

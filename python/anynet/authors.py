@@ -48,8 +48,8 @@ def read_authors(path: Path) -> dict[str, Tensor]:
     """
     try:
         theirs = torch.load(path, map_location="cpu", weights_only=True)["state_dict"]
-        tensors = {_our_name(name): tensor for name, tensor in theirs.items()}
-    except OSError:
+        tensors = {_our_name(path, str(name)): tensor for name, tensor in theirs.items()}
+    except (OSError, AnyNetError):
         raise
     except Exception as error:  # torch.load raises a dozen types on foreign bytes
         raise AnyNetError(
@@ -60,8 +60,9 @@ def read_authors(path: Path) -> dict[str, Tensor]:
     return {**{f"{norm}num_batches_tracked": torch.tensor(0) for norm in norms}, **tensors}
 
 
-def _our_name(name: str) -> str:
+def _our_name(path: Path, name: str) -> str:
     for pattern, ours in _NAMES:
-        if match := re.fullmatch(pattern, str(name).removeprefix("module.")):
+        if match := re.fullmatch(pattern, name.removeprefix("module.")):
             return ours(match)
-    return str(name)
+    # Also a name of ours: such a network need not be configured as theirs is.
+    raise AnyNetError(f"{path}: expected names of the authors' tensors, got {name[:200]!r}")

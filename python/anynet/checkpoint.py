@@ -21,6 +21,7 @@ from anynet.io.files import write_atomically
 from anynet.model.anynet import AnyNet
 from anynet.model.config import AnyNetConfig
 from anynet.model.presets import authors
+from anynet.shutdown import computing
 
 if TYPE_CHECKING:
     from anynet.baselines.model import BaselineModel
@@ -33,12 +34,28 @@ HEADER_LIMIT = 2**20  # characters of its configuration, and of its metadata
 def save_checkpoint(
     path: str | os.PathLike[str], model: AnyNet | BaselineModel, metadata: dict[str, Any] | None = None
 ) -> None:
-    """Writes weights, configuration and `metadata` (anything JSON can hold) as .safetensors, whole or not at all."""
-    tensors = {name: tensor.contiguous() for name, tensor in model.state_dict().items()}
-    content = save(tensors, {"config": json.dumps(asdict(model.config)), "metadata": json.dumps(metadata or {})})
-    write_atomically(path, content)
+    """Writes weights, configuration and `metadata` (anything JSON can hold) as .safetensors, whole or not at all.
+
+    Raises:
+        AnyNetError: if `load_checkpoint` would refuse the file, or it cannot be written.
+    """
+    config = model.config
+    # Compiled modules have names of their own.
+    tensors = {name.replace("_orig_mod.", ""): t.cpu().contiguous() for name, t in model.state_dict().items()}
+    network: Any = AnyNet if isinstance(config, AnyNetConfig) else type(getattr(model, "_orig_mod", model))
+    with torch.device("meta"):
+        own = network(config).float().state_dict()
+    check_tensors(Path(path), config, tensors, own)
+    try:
+        header = {"config": json.dumps(asdict(config)), "metadata": json.dumps(metadata or {})}
+        for name in header:
+            stored_object(header, name)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise AnyNetError(f"cannot write {path}: {one_line(error)}") from None
+    write_atomically(path, save(tensors, header))
 
 
+@computing()
 def load_checkpoint(weights: str | os.PathLike[str], input_scale: float | None = None) -> AnyNet:
     """The network with its weights, in eval mode, on the CPU.
 
@@ -55,10 +72,12 @@ def load_checkpoint(weights: str | os.PathLike[str], input_scale: float | None =
     with torch.device("meta"):
         model = AnyNet(config).float()  # whatever the default is
     check_tensors(stored.path, config, stored.tensors, model.state_dict())
-    model.load_state_dict(stored.tensors, assign=True)
+    # PyTorch's own format keeps strides, and the operators want none.
+    model.load_state_dict({name: tensor.detach().contiguous() for name, tensor in stored.tensors.items()}, assign=True)
     return model.eval()
 
 
+@computing()
 def load_partial(weights: str | os.PathLike[str], config: AnyNetConfig) -> AnyNet:
     """A network of this configuration, in eval mode, with all weights that have their place in it.
 
@@ -68,11 +87,12 @@ def load_partial(weights: str | os.PathLike[str], config: AnyNetConfig) -> AnyNe
         AnyNetError: as `load_checkpoint`, or if no weights have a place.
     """
     stored = _read(find_weights(weights))
-    model = AnyNet(config)
+    model = AnyNet(config).float()
     own = model.state_dict()
-    fitting = {n: t for n, t in stored.tensors.items() if n in own and own[n].shape == t.shape}
+    fitting = {n: t for n, t in stored.tensors.items() if n in own and _is_dense(t) and own[n].shape == t.shape}
     if not fitting:
         raise AnyNetError(f"{stored.path}: expected weights of a part of the network, got none")
+    check_tensors(stored.path, config, fitting, {name: own[name] for name in fitting})
     model.load_state_dict(fitting, strict=False)
     return model.eval()
 
@@ -108,19 +128,8 @@ class _Checkpoint:
     metadata: dict[str, Any]
 
 
-def check_finite(path: Path, tensors: Mapping[str, Tensor]) -> None:
-    """Raises AnyNetError if one of a file's tensors is none, or not finite."""
-    for name, tensor in tensors.items():
-        if not isinstance(tensor, Tensor):
-            raise AnyNetError(f"{path}: expected {name} as a tensor, got {type(tensor).__name__}")
-        if tensor.is_floating_point() and not tensor.isfinite().all():
-            raise AnyNetError(f"{path}: expected finite weights, got NaN or infinity in {name}")
-        if name.endswith("running_var") and (tensor < 0).any():
-            raise AnyNetError(f"{path}: expected variances of at least 0, got {tensor.min():g} in {name}")
-
-
 def check_tensors(path: Path, config: object, tensors: Mapping[str, Tensor], own: Mapping[str, Tensor]) -> None:
-    """Raises AnyNetError unless a file's tensors are those of the configured network, whose own are `own`."""
+    """Raises AnyNetError unless a file's tensors are those of the configured network, whose own are `own`; finite."""
 
     def expected(what: str) -> AnyNetError:
         return AnyNetError(f"{path}: expected weights of {config}; {what}")
@@ -131,10 +140,26 @@ def check_tensors(path: Path, config: object, tensors: Mapping[str, Tensor], own
         stored = tensors.get(name)
         if stored is None:
             raise expected(f"{name} is missing")
+        if not _is_dense(stored):
+            raise expected(f"{name} is no dense tensor on the CPU")
         if stored.shape != tensor.shape:
             raise expected(f"{name} has shape {list(stored.shape)}, not {list(tensor.shape)}")
         if stored.dtype != tensor.dtype:
             raise expected(f"{name} is {stored.dtype}, not {tensor.dtype}")
+        if not stored.isfinite().all():
+            raise AnyNetError(f"{path}: expected finite weights, got NaN or infinity in {name}")
+        if name.endswith("running_var") and (stored < 0).any():
+            raise AnyNetError(f"{path}: expected variances of at least 0, got {stored.min():g} in {name}")
+
+
+def _is_dense(value: object) -> bool:
+    """Whether what a file has under a tensor's name is one with values in memory."""
+    return (
+        isinstance(value, Tensor)
+        and not value.is_nested
+        and value.layout == torch.strided
+        and value.device.type == "cpu"
+    )
 
 
 def _read(path: Path) -> _Checkpoint:
@@ -148,7 +173,6 @@ def _read(path: Path) -> _Checkpoint:
         tensors = read_authors(path)
     except OSError as error:
         raise AnyNetError(f"{path}: cannot be read: {error.strerror}") from None
-    check_finite(path, tensors)
     return _Checkpoint(path, authors(), tensors, {})
 
 
@@ -162,7 +186,7 @@ def read_safetensors(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
     """The texts in the header of such a file, and its tensors.
 
     Raises:
-        AnyNetError: if it is not sound, larger than `LIMIT`, or not all of it is finite.
+        AnyNetError: if it is not sound, or larger than `LIMIT`.
         OSError: if it cannot be read.
     """
     _check_size(path)
@@ -175,7 +199,6 @@ def read_safetensors(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
         raise
     except (SafetensorError, ValueError, TypeError, RuntimeError, AttributeError) as error:
         raise AnyNetError(f"{path}: not a sound .safetensors file: {one_line(error)}") from None
-    check_finite(path, tensors)
     return header, tensors
 
 

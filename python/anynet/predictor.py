@@ -7,7 +7,7 @@ import math
 import os
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import pairwise
@@ -26,7 +26,7 @@ from anynet.model.confidence import ConfidenceModel
 from anynet.model.deploy import DeployedAnyNet
 from anynet.model.graphs import GraphedAnyNet
 from anynet.samples import MAX_DISPARITY
-from anynet.scheduler import MAX_THREADS, LatencyTable, budget_of, last_stage_of
+from anynet.scheduler import MAX_THREADS, LatencyTable, budget_of, check_flags, last_stage_of
 from anynet.shutdown import computing
 from anynet.waiting import waiting
 
@@ -73,6 +73,7 @@ class Predictor:
         AnyNetError: if an argument is not that, or the weights, the device or the precision cannot be used.
     """
 
+    @computing()
     def __init__(
         self,
         weights: str | os.PathLike[str] = "default",
@@ -100,11 +101,17 @@ class Predictor:
             except RuntimeError as error:  # of CUDA
                 raise AnyNetError(f"device {device!r}: {one_line(error)}") from error
             self._clock = DeviceClock(self.device)
-        self._weights = weights
-        self._confidence: ConfidenceModel | None = None
         self.config = network.config
+        self._path = find_weights(weights).absolute()
+        self._confidence: ConfidenceModel | None = None
+        with suppress(AnyNetError):  # told when it is asked for
+            self._confidence_model()
         self.threads = threads
         self._latencies = LatencyTable(self.config.stages)
+        _keep_freed_memory()
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _process=os.getpid())
         _keep_freed_memory()
 
     def stages(
@@ -117,6 +124,8 @@ class Predictor:
         view: str = "left",
     ) -> Iterator[Estimate]:
         """The estimates, each computed when it is asked for; `elapsed_ms` includes the caller's time in between.
+
+        The images are not copied: they must stay as they are until the last estimate has come.
 
         Args:
             left, right: a rectified pair, [H, W, 3] uint8 RGB of any size: arrays, or tensors on its device.
@@ -132,19 +141,15 @@ class Predictor:
         return self._estimates(frame, start)
 
     def _estimates(self, frame: Frame, start: float) -> Iterator[Estimate]:
-        with inference(self.threads):
+        with inference(self.device, self.threads):
             steps = frame.steps()
         for stage in range(1, self.config.stages + 1):
-            with inference(self.threads):
+            with inference(self.device, self.threads):
                 maps = frame.maps(stage, *next(steps))
             yield Estimate(stage, maps.disparity, 1e3 * (perf_counter() - start), **maps.trust)
 
     def _frame(self, method: str, left: Any, right: Any, confidence: object, left_right: object, view: object) -> Frame:
-        for name, value in (("confidence", confidence), ("left_right", left_right)):
-            if not isinstance(value, bool):
-                raise AnyNetError(f"{method}: expected {name} as True or False, got {value!r}")
-        if left_right and not confidence:
-            raise AnyNetError(f"{method}: expected left_right together with confidence")
+        check_flags(method, confidence=confidence, left_right=left_right)
         if view not in ("left", "right"):
             raise AnyNetError(f"{method}: expected view as 'left' or 'right', got {view!r}")
         images = check_images(left, right, self.device)
@@ -161,7 +166,7 @@ class Predictor:
     def _confidence_model(self) -> ConfidenceModel:
         """Of these weights, or, uncalibrated, of the packaged ones."""
         if self._confidence is None:
-            own = find_weights(self._weights).with_suffix(".confidence.json")
+            own = self._path.with_suffix(".confidence.json")
             path = own if own.is_file() else PACKAGED / "default.confidence.json"
             if path != own and self.config.stages != 4:
                 raise AnyNetError(f"confidence: expected {own} for a network of {self.config.stages} stages")
@@ -206,7 +211,7 @@ class Predictor:
         frame = self._frame("predict", left, right, *asked)
         last = last_stage_of("predict", stage, self.config.stages)
         budget = budget_of("predict", budget_ms)
-        with inference(self.threads) as threads:
+        with inference(self.device, self.threads) as threads:
             latencies = self._latencies[frame.kind, threads]
             steps = frame.steps()
             prepared = perf_counter() - start
@@ -240,15 +245,18 @@ class HostClock:
 
 
 @contextmanager
-def inference(threads: int | None) -> Iterator[int]:
-    """Inference mode on so many threads, by default as many as PyTorch uses; gives their number."""
+def inference(device: torch.device, threads: int | None) -> Iterator[int]:
+    """Inference mode on so many threads, by default as many as PyTorch uses; gives their number.
+
+    The caller's autocast, which would give operators of float32 other types, does not reach into it.
+    """
     before = torch.get_num_threads()
     threads = 1 if _forked else threads or before
     with computing():
         if threads != before:
             torch.set_num_threads(threads)
         try:
-            with torch.inference_mode():
+            with torch.inference_mode(), torch.autocast(device.type, enabled=False):
                 yield threads
         except torch.OutOfMemoryError as error:  # a GPU's
             raise AnyNetError(one_line(error)) from error

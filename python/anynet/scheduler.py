@@ -29,14 +29,23 @@ def budget_of(caller: str, budget_ms: Any) -> float:
     return budget
 
 
-def last_stage_of(caller: str, stage: Any, stages: int | None) -> int | None:
+def last_stage_of(caller: str, stage: Any, stages: int | None, name: str = "stage") -> int | None:
     """The last stage to compute of `stages`, of which None says nothing. Raises AnyNetError if there is none such."""
     if stage is None:
         return stages
     number = isinstance(stage, Integral) and not isinstance(stage, bool)
     if not number or not 1 <= stage <= (stages or stage):
-        raise AnyNetError(f"{caller}: expected stage from 1 to {stages or 'the last'}, got {stage!r}")
+        raise AnyNetError(f"{caller}: expected {name} from 1 to {stages or 'the last'}, got {stage!r}")
     return int(stage)
+
+
+def check_flags(caller: str, **flags: Any) -> None:
+    """Raises AnyNetError unless all are True or False, and `left_right` goes with `confidence`."""
+    for name, value in flags.items():
+        if not isinstance(value, bool):
+            raise AnyNetError(f"{caller}: expected {name} as True or False, got {value!r}")
+    if flags["left_right"] and not flags["confidence"]:
+        raise AnyNetError(f"{caller}: expected left_right together with confidence")
 
 
 class Latency:

@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
+from anynet.errors import AnyNetError
+
 RGBImage = npt.NDArray[np.uint8]  # [H, W, 3] RGB
 Map = npt.NDArray[np.float32]  # [H, W], NaN where unknown
 Limits = tuple[float, float]
@@ -46,8 +48,14 @@ def limits_of(values: Map) -> Limits:
 
 
 def colorize(values: Map, limits: Limits, colormap: str = "turbo") -> RGBImage:
-    """Values [H, W] as colors of a color map ("turbo", "blue-red"), its ends at `limits`; gray where not finite."""
+    """Values [H, W] as colors of a color map ("turbo", "blue-red"), its ends at `limits`; gray where not finite.
+
+    Raises:
+        AnyNetError: if there is no such color map, or the first limit is not below the second.
+    """
     low, high = limits
+    if not low < high:
+        raise AnyNetError(f"colorize: expected limits of which the first is lower, got {low:g} and {high:g}")
     known = np.isfinite(values)
     levels = np.where(known, (values - low) * (255 / (high - low)), 0).clip(0, 255).astype(np.uint8)
     image = _table(colormap)[levels]
@@ -127,5 +135,7 @@ def _table(colormap: str) -> npt.NDArray[np.uint8]:
     levels = np.arange(256, dtype=np.uint8)
     if colormap == "turbo":
         return np.ascontiguousarray(cv2.applyColorMap(levels[None], cv2.COLORMAP_TURBO)[0, :, ::-1], np.uint8)
+    if colormap != "blue-red":
+        raise AnyNetError(f"colorize: expected colormap 'turbo' or 'blue-red', got {colormap!r}")
     places = np.linspace(0, 255, len(_BLUE_TO_RED))
     return np.stack([np.interp(levels, places, channel).round() for channel in _BLUE_TO_RED.T], -1).astype(np.uint8)

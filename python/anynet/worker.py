@@ -20,7 +20,7 @@ from torch import Tensor
 from anynet.errors import AnyNetError
 from anynet.frame import Image, check_images
 from anynet.predictor import Estimate, Predictor
-from anynet.scheduler import Latency, budget_of, last_stage_of
+from anynet.scheduler import Latency, budget_of, check_flags, last_stage_of
 
 if TYPE_CHECKING:
     from anynet.camera import ShiftedPredictor
@@ -95,14 +95,12 @@ class Worker:
         confidence: bool = False,
         left_right: bool = False,
     ) -> None:
+        if not callable(getattr(predictor, "stages", None)):
+            raise AnyNetError(f"Worker: expected a predictor, got {predictor!r}")
         budget = budget_of("Worker", budget_ms)
         stages = getattr(getattr(predictor, "config", None), "stages", None)  # stand-ins have none
         last = last_stage_of("Worker", stage, stages)
-        for name, value in (("preempt", preempt), ("confidence", confidence), ("left_right", left_right)):
-            if not isinstance(value, bool):
-                raise AnyNetError(f"Worker: expected {name} as True or False, got {value!r}")
-        if left_right and not confidence:
-            raise AnyNetError("Worker: expected left_right together with confidence")
+        check_flags("Worker", preempt=preempt, confidence=confidence, left_right=left_right)
         # The thread knows this part alone: it ends when the worker itself is forgotten.
         self._loop = _Loop(
             predictor,
@@ -155,7 +153,7 @@ class Worker:
         if timeout is not None:
             if isinstance(timeout, bool) or not isinstance(timeout, Real) or math.isnan(timeout):
                 raise AnyNetError(f"Worker: expected timeout in seconds, got {timeout!r}")
-            timeout = min(timeout, threading.TIMEOUT_MAX)
+            timeout = float(min(timeout, threading.TIMEOUT_MAX))
         return self._loop.result(timeout)
 
     def cancel(self) -> None:

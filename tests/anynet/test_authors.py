@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from anynet import AnyNet, load_checkpoint
-from anynet.authors import read_authors
+from anynet import AnyNet, Predictor, load_checkpoint
+from anynet.authors import _our_name, read_authors
 from anynet.errors import AnyNetError
 from anynet.model import presets
 
@@ -54,3 +57,44 @@ def test_other_files(tmp_path: Path, content: object) -> None:
     torch.save(content, tmp_path / "other.tar")
     with pytest.raises(AnyNetError, match=r"other\.tar[^\n]*\Z"):
         load_checkpoint(tmp_path / "other.tar")
+
+
+def test_our_own_names_are_not_theirs(tmp_path: Path) -> None:
+    """Their networks reverse the residual stages' disparities; these weights would be read as such ones."""
+    torch.save({"state_dict": AnyNet(presets.paper()).state_dict()}, tmp_path / "mine.tar")
+    with pytest.raises(AnyNetError, match=r"mine\.tar: expected names of the authors' tensors, got 'features\."):
+        load_checkpoint(tmp_path / "mine.tar")
+
+
+def whole() -> dict[str, Tensor]:
+    """All tensors of a network, by the authors' names."""
+    layers = ["feature_extraction.block0.0.1", "feature_extraction.block0.1.1", "feature_extraction.block0.1.2"]
+    for i, k in product((0, 1), repeat=2):
+        layers += [f"feature_extraction.blocks.{i}.{k + 1}", f"feature_extraction.upblocks.{i}.conv.{k}"]
+    layers += [f"volume_postprocess.{i}.{k}" for i, k in product(range(3), range(6))]
+    tensors = "0.weight", "0.bias", "0.running_mean", "0.running_var", "2.weight"
+    names = [f"{layer}.{tensor}" for layer, tensor in product(layers, tensors)]
+    names += [*OTHERS, *(f"refine_spn.0.{k}.weight" for k in (0, 2, 6))]
+    own = AnyNet(presets.authors()).state_dict()
+    return {f"module.{name}": own[_our_name(Path(), name)] for name in names}
+
+
+@pytest.mark.parametrize(
+    "lay_out",
+    [lambda t: t.to(memory_format=torch.channels_last), lambda t: t[:1].expand(t.shape), lambda t: t.requires_grad_()],
+)
+def test_weights_of_any_strides(tmp_path: Path, lay_out: Callable[[Tensor], Tensor]) -> None:
+    theirs, name = whole(), "module.refine_spn.0.2.weight"
+    theirs[name] = lay_out(theirs[name])
+    torch.save({"state_dict": theirs}, tmp_path / "theirs.tar")
+    image = np.zeros((16, 16, 3), np.uint8)
+    assert np.isfinite(Predictor(tmp_path / "theirs.tar").predict(image, image).disparity).all()
+
+
+@pytest.mark.parametrize("change", [Tensor.to_sparse, lambda t: t.to("meta"), lambda t: t.to(torch.complex64), list])
+@pytest.mark.parametrize("tensor", ["0.running_var", "2.weight"])
+def test_tensors_of_other_kinds(tmp_path: Path, tensor: str, change: Callable[[Tensor], object]) -> None:
+    theirs, name = whole(), f"module.feature_extraction.blocks.0.1.{tensor}"
+    torch.save({"state_dict": theirs | {name: change(theirs[name])}}, tmp_path / "theirs.tar")
+    with pytest.raises(AnyNetError, match=r"theirs\.tar: expected weights of .*; features\.down\.1\.0\.\S+ is "):
+        load_checkpoint(tmp_path / "theirs.tar")

@@ -6,6 +6,7 @@ import pickle
 import resource
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
@@ -27,6 +28,9 @@ from anynet.model.config import MEAN, STD, FirstStageConfig, RefinementConfig, R
 
 SHARED = Path(__file__).parents[2] / ".." / "shared"
 needs_shared = pytest.mark.skipif(not SHARED.exists(), reason="the authors' weights and KITTI are not in ../shared")
+
+
+HEADER = {"config": json.dumps(asdict(AnyNetConfig())), "metadata": "{}"}
 
 
 @pytest.fixture
@@ -107,7 +111,7 @@ def test_missing_and_foreign_files(tmp_path: Path, saved: Path) -> None:
     with pytest.raises(AnyNetError, match=r"other.tar.*state_dict"):
         load_checkpoint(tmp_path / "other.tar")
     torch.save({"state_dict": {"module.fc.weight": torch.zeros(3)}}, tmp_path / "resnet.tar")
-    with pytest.raises(AnyNetError, match=r"resnet.tar: expected weights of AnyNetConfig"):
+    with pytest.raises(AnyNetError, match=r"resnet.tar: expected names of the authors' tensors, got 'module.fc.w"):
         load_checkpoint(tmp_path / "resnet.tar")
     save_file({"fc.weight": torch.zeros(3)}, tmp_path / "other.safetensors")
     with pytest.raises(AnyNetError, match=r"other.safetensors: its configuration is not AnyNet's"):
@@ -171,17 +175,20 @@ def test_weights_that_are_not_finite(saved: Path, value: float) -> None:
     model = load_checkpoint(saved)
     with torch.no_grad():
         model.refinement.expand.weight[3, 0, 1, 1] = value
-    save_checkpoint(saved, model)
-    with pytest.raises(
-        AnyNetError, match=r"weights.safetensors: expected finite weights, .* in refinement.expand.weight"
-    ):
+    save_file(model.state_dict(), saved, HEADER)
+    expected = r"weights.safetensors: expected finite weights, .* in refinement.expand.weight"
+    with pytest.raises(AnyNetError, match=expected):
         load_checkpoint(saved)
+    with pytest.raises(AnyNetError, match=expected):
+        load_partial(saved, AnyNetConfig())
+    with pytest.raises(AnyNetError, match=expected):
+        save_checkpoint(saved, model)
 
 
 def test_variances_below_zero(saved: Path) -> None:
     model = load_checkpoint(saved)
     model.features.down[1][0].norm.running_var[0] = -1
-    save_checkpoint(saved, model)
+    save_file(model.state_dict(), saved, HEADER)
     with pytest.raises(AnyNetError, match=r"expected variances of at least 0, got -1 in features\..*running_var"):
         load_checkpoint(saved)
 
@@ -199,19 +206,61 @@ def test_weights_are_float32_whatever_the_default_is(saved: Path) -> None:
 
 
 def test_tensors_of_another_type_or_of_nobody(saved: Path) -> None:
-    state, header = AnyNet().state_dict(), {"config": json.dumps(asdict(AnyNetConfig())), "metadata": "{}"}
-    name = "refinement.expand.weight"
+    state = AnyNet().state_dict()
+    name, variance = "refinement.expand.weight", "features.halve.norm.running_var"
     for change, message in (
         ({name: state[name].half()}, "refinement.expand.weight is torch.float16, not torch.float32"),
+        ({name: state[name].to(torch.float8_e4m3fn)}, "refinement.expand.weight is torch.float8_e4m3fn, not"),
+        ({variance: state[variance].to(torch.complex64)}, f"{variance} is torch.complex64, not torch.float32"),
         ({"more": torch.zeros(1)}, "the network has no more"),
     ):
-        save_file({**state, **change}, saved, header)
+        save_file({**state, **change}, saved, HEADER)
         with pytest.raises(AnyNetError, match=message):
             load_checkpoint(saved)
     del state[name]
-    save_file(state, saved, header)
+    save_file(state, saved, HEADER)
     with pytest.raises(AnyNetError, match=r"refinement.expand.weight is missing"):
         load_checkpoint(saved)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (AnyNet.double, r"is torch\.float64, not torch\.float32"),
+        (AnyNet.bfloat16, r"is torch\.bfloat16, not torch\.float32"),
+        (lambda model: model.requires_grad_(False).refinement.expand.weight.fill_(torch.nan), "finite weights"),
+        (lambda model: setattr(model, "refinement", torch.nn.Identity()), r"refinement\.\S+ is missing"),
+    ],
+)
+def test_what_could_not_be_read_is_not_written(saved: Path, change: Callable[[AnyNet], object], message: str) -> None:
+    model, before = AnyNet(), saved.read_bytes()
+    change(model)
+    with pytest.raises(AnyNetError, match=rf"weights\.safetensors: expected .*{message}"):
+        save_checkpoint(saved, model)
+    assert saved.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("metadata", "message"),
+    [
+        ({"log": "x" * 2**20}, "expected metadata of at most 1048576 characters, got 1048587"),
+        ({"names": {1}}, "set is not JSON serializable"),
+        ([1], "expected metadata as a JSON object, got list"),
+    ],
+)
+def test_metadata_that_could_not_be_read_is_not_written(saved: Path, metadata: object, message: str) -> None:
+    with pytest.raises(AnyNetError, match=rf"cannot write .*weights\.safetensors: .*{message}"):
+        save_checkpoint(saved, AnyNet(), metadata)  # type: ignore[arg-type]
+
+
+def test_compiled_networks_are_written_by_their_own_names(tmp_path: Path) -> None:
+    model = AnyNet()
+    expected = {name: tensor.clone() for name, tensor in model.state_dict().items()}
+    model.features = torch.compile(model.features)  # type: ignore[assignment]
+    save_checkpoint(tmp_path / "weights.safetensors", torch.compile(model))  # type: ignore[arg-type]
+    loaded = load_checkpoint(tmp_path / "weights.safetensors").state_dict()
+    assert loaded.keys() == expected.keys()
+    assert all(torch.equal(tensor, expected[name]) for name, tensor in loaded.items())
 
 
 def test_a_file_larger_than_the_limit(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,6 +38,30 @@ time.sleep({seconds})
     assert (result.returncode, result.stderr) == (0, "")
 
 
+@pytest.mark.parametrize("load", ["load_checkpoint", "Predictor"])
+def test_loading_on_daemon_threads_at_exit(load: str) -> None:
+    """What was loaded is kept: PyTorch aborts by itself where such a thread drops tensors."""
+    program = f"""
+import threading, anynet
+kept, begun = [], threading.Semaphore(0)
+
+def work():
+    while True:
+        kept.append(anynet.{load}("paper"))
+        begun.release()
+
+for _ in range(4):
+    threading.Thread(target=work, daemon=True).start()
+for _ in range(4):
+    begun.acquire()
+"""
+    for _ in range(3):
+        result = subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert (result.returncode, result.stderr) == (0, "")
+
+
 def test_the_main_thread_may_compute_at_exit(tmp_path: Path) -> None:
     save_checkpoint(tmp_path / "random.safetensors", AnyNet())
     program = f"""

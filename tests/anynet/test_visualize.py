@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from anynet.errors import AnyNetError
 from anynet.visualize import UNKNOWN, colorbar, colorize, disparity_image, error_image, limits_of, panels, stages_image
 
 RAMP = np.linspace(0, 100, 200, dtype=np.float32)[None].repeat(120, 0)
@@ -24,6 +25,13 @@ def test_unknown_is_no_color_of_the_scale(colormap: str) -> None:
     np.testing.assert_array_equal(colorize(values, (0, 1), colormap)[0], [UNKNOWN] * 3)
     distance = np.abs(colorize(RAMP, (0, 100), colormap).astype(int) - UNKNOWN).max(axis=-1)
     assert distance.min() > 50
+
+
+def test_colors_that_cannot_be() -> None:
+    with pytest.raises(AnyNetError, match="expected limits of which the first is lower, got 5 and 5"):
+        colorize(RAMP, (5, 5))
+    with pytest.raises(AnyNetError, match="expected colormap 'turbo' or 'blue-red', got 'viridis'"):
+        colorize(RAMP, (0, 1), "viridis")
 
 
 def test_limits() -> None:

@@ -10,6 +10,7 @@ import time
 import weakref
 from collections import Counter
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -265,7 +266,7 @@ def test_confidence_is_the_predictors(predictor: Predictor, asked: dict[str, boo
 
 
 def test_result_gives_each_frame_once(worker: Worker, stepper: Stepper) -> None:
-    assert worker.result(0.01) is None
+    assert worker.result(Fraction(1, 100)) is None
     stepper.step(4)
     worker.submit(image(7), IMAGE, stamp="noon")
     latest = worker.result(10)
@@ -304,6 +305,12 @@ def test_result_gives_each_frame_once(worker: Worker, stepper: Stepper) -> None:
 def test_options_that_cannot_be(predictor: Predictor, options: dict[str, object], message: str) -> None:
     with pytest.raises(AnyNetError, match=re.escape(message)):
         Worker(predictor, **options)
+
+
+@pytest.mark.parametrize("predictor", [None, "default"])
+def test_what_is_no_predictor(predictor: object) -> None:
+    with pytest.raises(AnyNetError, match=f"Worker: expected a predictor, got {predictor!r}"):
+        Worker(predictor)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("timeout", ["5", True, float("nan")])

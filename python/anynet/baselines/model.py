@@ -119,7 +119,7 @@ class BaselinePredictor:
         """
         start = perf_counter()
         images = check_images(left, right)
-        with inference(self.threads):
+        with inference(self.device, self.threads):
             inputs = (normalize(image.to(self.device).permute(2, 0, 1)[None]).contiguous() for image in images)
             disparity = self.model(*inputs)[-1][0, 0].cpu().numpy()
         yield Estimate(1, disparity, 1e3 * (perf_counter() - start))

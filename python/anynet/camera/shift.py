@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,11 +37,17 @@ class ShiftedPredictor:
     Args:
         predictor: that of the pair moved by as much.
         min_disparity: the smallest disparity that is looked for, pixels; negative for toed-in cameras.
+
+    Raises:
+        AnyNetError: if `min_disparity` is not that.
     """
 
     def __init__(self, predictor: Predictor, min_disparity: int) -> None:
-        if abs(min_disparity) > _LARGEST:
-            raise AnyNetError(f"expected min_disparity up to {_LARGEST} pixels, got {min_disparity}")
+        number = isinstance(min_disparity, Integral) and not isinstance(min_disparity, bool)
+        if not number or abs(min_disparity) > _LARGEST:
+            raise AnyNetError(
+                f"expected min_disparity as an integer from {-_LARGEST} to {_LARGEST} pixels, got {min_disparity!r}"
+            )
         self.predictor = predictor
         self.min_disparity = int(min_disparity)
 
@@ -77,11 +84,14 @@ def moved_apart(left: Image, right: Image, columns: int) -> tuple[npt.NDArray[np
     """The pair [H, W, 3] with disparities that many pixels smaller; below 0, larger.
 
     Raises:
-        AnyNetError: if nothing would be left, or the images are not arrays.
+        AnyNetError: if nothing would be left, or the images are not uint8 RGB arrays of one size.
     """
+    from anynet.frame import check_images
+
     for image in (left, right):
         if not isinstance(image, np.ndarray):
             raise AnyNetError(f"min_disparity: expected images as arrays, got {type(image).__name__}")
+    check_images(left, right)
     assert isinstance(left, np.ndarray)
     assert isinstance(right, np.ndarray)
     if columns < 0:  # more columns at the left image's left, and at the right image's right

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import torch
 from torch import Tensor
+from torch._inductor.exc import CppCompileError, InductorError, InvalidCxxCompiler
 from torch._inductor.package.package import package_aoti
 from torch.export.pt2_archive._package import AOTI_FILES
 from torch.export.pt2_archive._package_weights import Weights
@@ -58,6 +59,9 @@ def _compiled(part: Part, values: Mapping[str, Tensor], request: Request) -> lis
     arguments = tuple(values[name] for name in part.inputs)
     try:
         files: list[str | Weights] = torch._inductor.aot_compile(part.module, arguments, options=options)  # type: ignore[assignment]
-    except torch._inductor.exc.CppCompileError as error:
-        raise AnyNetError(f"export: the C++ compiler failed: {one_line(error)}") from None
+    except RuntimeError as error:
+        cause = error.inner_exception if isinstance(error, InductorError) else error
+        if not isinstance(cause, (CppCompileError, InvalidCxxCompiler)):
+            raise
+        raise AnyNetError(f"export: the C++ compiler failed: {one_line(cause)}") from None
     return files

@@ -13,6 +13,7 @@ from anynet.checkpoint import load_checkpoint
 from anynet.errors import AnyNetError, one_line
 from anynet.model.config import AnyNetConfig
 from anynet.model.deploy import DeployedAnyNet
+from anynet.scheduler import last_stage_of
 
 INPUTS = ("left", "right")
 LARGEST_SIDE = 32768  # pixels of an image's height and width
@@ -39,7 +40,7 @@ class Request:
 class Network(nn.Module):
     """uint8 RGB images [H, W, 3] to the first stages' disparity maps, float32 [H, W], in pixels."""
 
-    def __init__(self, deployed: DeployedAnyNet, stages: int) -> None:
+    def __init__(self, deployed: DeployedAnyNet, stages: int | None) -> None:
         super().__init__()
         self.deployed, self.stages = deployed, stages
 
@@ -72,13 +73,11 @@ def trace(request: Request) -> ExportedProgram:
             f"export: expected weights of input_scale 1 or 2, got {config.input_scale:g}: its images are resized "
             "before the network"
         )
-    stages = config.stages if request.stages is None else request.stages
-    if not 1 <= stages <= config.stages:
-        raise AnyNetError(f"export: expected stages from 1 to {config.stages}, got {stages}")
+    stages = last_stage_of("export", request.stages, config.stages, "stages")
     least = smallest_side(config) if request.dynamic else 1
     for name, side in (("height", request.height), ("width", request.width)):
-        if not least <= side <= LARGEST_SIDE:
-            raise AnyNetError(f"export: expected {name} from {least} to {LARGEST_SIDE}, got {side}")
+        if type(side) is not int or not least <= side <= LARGEST_SIDE:
+            raise AnyNetError(f"export: expected {name} as an integer from {least} to {LARGEST_SIDE}, got {side!r}")
     network = Network(DeployedAnyNet(model), stages).eval()
     # Two tensors: of one that stands for both images, PyTorch would make one input.
     images = tuple(torch.zeros(request.height, request.width, 3, dtype=torch.uint8) for _ in INPUTS)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from itertools import islice
-from numbers import Integral
 
 import torch
 import torch.nn.functional as F
@@ -16,6 +16,7 @@ from anynet.model.features import SeparateFeatures, UNet
 from anynet.model.first_stage import first_stage
 from anynet.model.refinement import Refinement
 from anynet.model.residual_stage import residual_stage
+from anynet.scheduler import last_stage_of
 from anynet_ext import resize
 
 
@@ -37,9 +38,8 @@ class AnyNet(nn.Module):
 
     def forward(self, left: Tensor, right: Tensor, stages: int | None = None) -> list[Tensor]:
         """The first `stages` estimates (default: all), each [N, 1, H, W]; differentiable."""
-        if stages is not None and (not isinstance(stages, Integral) or not 1 <= stages <= self.config.stages):
-            raise AnyNetError(f"AnyNet: expected stages from 1 to {self.config.stages}, got {stages!r}")
-        return list(islice(self.stages(left, right), stages))
+        last = last_stage_of("AnyNet", stages, self.config.stages, "stages")
+        return list(islice(self.stages(left, right), last))
 
     def stages(self, left: Tensor, right: Tensor) -> Iterator[Tensor]:
         """The estimates one by one; each is computed, its part of the U-Net included, when it is asked for.
@@ -109,13 +109,16 @@ def resized(images: Tensor, scale: float) -> Tensor:
     height, width = (max(1, round(scale * side)) for side in images.shape[2:])
     if scale >= 1:
         return F.interpolate(images, (height, width), mode="bilinear")
-    with torch.autocast(images.device.type, enabled=False):
-        return _areas(images.shape[2], height, images) @ images @ _areas(images.shape[3], width, images).mT
+    return _shrunk(_shrunk(images, width).mT, height).mT.contiguous()
 
 
-def _areas(size: int, count: int, like: Tensor) -> Tensor:
-    """[count, size]: the share of each of `size` pixels in each of the `count` that cover the same length."""
-    edges = torch.arange(count + 1, dtype=torch.float32, device=like.device) * (size / count)
-    pixels = torch.arange(size, dtype=torch.float32, device=like.device)
-    covered = torch.minimum(edges[1:, None], pixels + 1) - torch.maximum(edges[:-1, None], pixels)
-    return (covered.clamp(min=0) * (count / size)).to(like.dtype)
+def _shrunk(images: Tensor, count: int) -> Tensor:
+    """The last axis in `count` pixels that cover the same length, each the mean of what it covers."""
+    size = images.shape[-1]
+    edges = torch.arange(count + 1, dtype=torch.float64, device=images.device) * (size / count)
+    first, begin, end = edges[:-1].long(), edges[:-1], edges[1:]
+    total = images.new_zeros(())
+    for pixel in (first + i for i in range(math.ceil(size / count) + 1)):  # all that one may touch
+        covered = (torch.minimum(end, pixel + 1) - torch.maximum(begin, pixel)).clamp(min=0) * (count / size)
+        total = total + images[..., pixel.clamp(max=size - 1)] * covered.to(images.dtype)
+    return total

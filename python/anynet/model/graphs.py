@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -24,6 +25,10 @@ class GraphedAnyNet:
         self._network = network
         self.config, self.refinement = network.config, network.refinement
         self._free: RecentlyUsed[list[_Graphs]] = RecentlyUsed(list, SIZES)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the graphs, which are this process's: another one captures its own."""
+        return {**vars(self), "_free": RecentlyUsed(list, SIZES)}
 
     def stages(self, left: Tensor, right: Tensor) -> Iterator[StageResult]:
         """As `DeployedAnyNet.stages`; the graphs are there when this returns. Called in inference mode.

@@ -148,8 +148,8 @@ class Page:
         self._images["disparity"].image = disparity_image(_small(kept), limits or limits_of(estimate.disparity))
         if estimate.confidence is not None:
             small = _small(estimate.confidence)
-            bar = colorbar(len(small), (0.0, 1.0), "right", "viridis")
-            self._images["confidence"].image = np.hstack([colorize(small, (0.0, 1.0), "viridis"), bar])
+            bar = colorbar(len(small), (0.0, 1.0), "right", "blue-red")
+            self._images["confidence"].image = np.hstack([colorize(small, (0.0, 1.0), "blue-red"), bar])
 
     def show_cloud(self, points: Map, colors: RGBImage, calibration: Calibration) -> None:
         """The cloud of points [M, 3], meters, and their colors [M, 3]."""

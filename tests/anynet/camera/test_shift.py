@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -57,8 +58,29 @@ def test_positive() -> None:
     np.testing.assert_array_equal(estimate.disparity[:, 20:], 15)
     with pytest.raises(AnyNetError, match="expected min_disparity below the width of 100 pixels, got 100"):
         next(ShiftedPredictor(Oracle(), 100).stages(left, right))  # type: ignore[arg-type]
-    with pytest.raises(AnyNetError, match="expected min_disparity up to"):
+    with pytest.raises(
+        AnyNetError, match="expected min_disparity as an integer from -100000 to 100000 pixels, got 1000000000"
+    ):
         ShiftedPredictor(Oracle(), 10**9)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("columns", [-5, 5])
+def test_images_are_checked_as_they_were_given(columns: int) -> None:
+    shifted = ShiftedPredictor(Oracle(), columns)  # type: ignore[arg-type]
+    for image, got in ((np.zeros((4, 9), np.uint8), "[4, 9]"), (np.zeros(9, np.uint8), "[9]")):
+        with pytest.raises(
+            AnyNetError, match=re.escape(f"expected left as uint8 RGB array [H, W, 3], got uint8 {got}")
+        ):
+            shifted.predict(image, image, 5, 2)
+
+
+@pytest.mark.parametrize("columns", [float("nan"), "3", -3.7, True, None])
+def test_columns_are_whole_numbers(columns: object) -> None:
+    with pytest.raises(
+        AnyNetError,
+        match=re.escape(f"expected min_disparity as an integer from -100000 to 100000 pixels, got {columns!r}"),
+    ):
+        ShiftedPredictor(Oracle(), columns)  # type: ignore[arg-type]
 
 
 def test_from_matches_and_doffs() -> None:

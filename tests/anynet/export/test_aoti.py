@@ -27,6 +27,14 @@ def test_it_is_for_one_size(tmp_path: Path) -> None:
         export_as("aoti", Request("default", 40, 56, dynamic=True), tmp_path / "network.pt2")
 
 
+@pytest.mark.parametrize("compiler", ["/none/c++", "false"])
+def test_a_compiler_that_does_not_work(small_weights: Path, tmp_path: Path, compiler: str) -> None:
+    chosen = torch._inductor.config.patch({"cpp.cxx": (compiler,)})
+    with chosen, pytest.raises(AnyNetError, match=r"export: the C\+\+ compiler failed: [^\n]+\Z"):
+        export_as("aoti", Request(small_weights, 17, 17, stages=1), tmp_path / "network.pt2")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.fixture(scope="module")
 def package(small_weights: Path, pair: Pair, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("aoti") / "small.pt2"

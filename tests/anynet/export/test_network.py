@@ -17,9 +17,13 @@ from .cases import OPTIONS, network
 @pytest.mark.parametrize(
     ("request_", "message"),
     [
-        (Request("default", 0, 64), "expected height from 1 to 32768, got 0"),
-        (Request("default", 64, 40000), "expected width from 1 to 32768, got 40000"),
-        (Request("paper", 64, 16, dynamic=True), "expected width from 17 to 32768, got 16"),
+        (Request("default", 0, 64), "expected height as an integer from 1 to 32768, got 0"),
+        (Request("default", 64, 40000), "expected width as an integer from 1 to 32768, got 40000"),
+        (Request("paper", 64, 16, dynamic=True), "expected width as an integer from 17 to 32768, got 16"),
+        (Request("paper", "32", 48), "expected height as an integer from 1 to 32768, got '32'"),  # type: ignore[arg-type]
+        (Request("paper", 32, 48.0), r"expected width as an integer from 1 to 32768, got 48\.0"),  # type: ignore[arg-type]
+        (Request("paper", 32, 48, stages="2"), "expected stages from 1 to 4, got '2'"),  # type: ignore[arg-type]
+        (Request("paper", 32, 48, stages=2.0), r"expected stages from 1 to 4, got 2\.0"),  # type: ignore[arg-type]
         (Request("default", 64, 64, stages=5), "expected stages from 1 to 4, got 5"),
         (Request("none", 64, 64), "expected a file of weights"),
     ],
@@ -38,6 +42,11 @@ def test_other_input_scales_are_refused(tmp_path: Path) -> None:
 def test_formats_that_there_are_not(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match="export: expected format onnx, pt2, aoti, got 'network'"):
         export_as("network", Request("paper", 64, 64), str(tmp_path / "a.pt2"))
+
+
+def test_a_folder_that_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(AnyNetError, match=r"cannot write .*network\.pt2: No such file or directory"):
+        export_as("pt2", Request("paper", 64, 64), tmp_path / "none" / "network.pt2")
 
 
 def test_smallest_sides() -> None:

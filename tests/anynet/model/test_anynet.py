@@ -152,6 +152,16 @@ def test_images_shrink_as_opencv_shrinks_them(size: tuple[int, int], scale: floa
     np.testing.assert_allclose(small, cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), atol=0.01)
 
 
+@pytest.mark.parametrize("size", [(2, 20_000), (20_000, 2)])
+def test_shrinking_takes_memory_in_proportion_to_the_image(size: tuple[int, int]) -> None:
+    """A matrix of all pixels' shares would have 2e8 entries."""
+    small = resized(torch.full((1, 1, *size), 3.0), 0.5)
+    torch.testing.assert_close(small, torch.full((1, 1, size[0] // 2, size[1] // 2), 3.0))
+    with torch.profiler.profile(profile_memory=True) as seen:
+        resized(torch.zeros(1, 1, *size), 0.5)
+    assert sum(max(0, event.self_cpu_memory_usage) for event in seen.events()) < 20e6  # bytes
+
+
 def test_errors_name_what_came(model: AnyNet) -> None:
     left, right = pair(16, 16)
     with pytest.raises(AnyNetError, match=r"stages from 1 to 4, got 5"):
@@ -160,7 +170,7 @@ def test_errors_name_what_came(model: AnyNet) -> None:
         model(left, right[..., :15])
     with pytest.raises(AnyNetError, match=r"one shape \[N, 3, H, W\]"):
         model(left[0], right[0])
-    for stages in (2.5, "2"):
+    for stages in (2.5, "2", True):
         with pytest.raises(AnyNetError, match=f"stages from 1 to 4, got {stages!r}"):
             model(left, right, stages=stages)
 
