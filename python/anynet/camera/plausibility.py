@@ -22,8 +22,7 @@ def check_baseline(baseline: float, hint: str = "") -> list[str]:
         return [f"a baseline of {baseline:g} m is long: {hint}"]
     if baseline < _SHORTEST:
         hint = hint or (
-            "are the calibration's lengths in meters? "
-            "Say it with --calib-unit m (or mm, cm), of a data set with unit=m"
+            "are the calibration's lengths in meters? Say it with --calib-unit m (or mm, cm), of a data set with unit=m"
         )
         return [f"a baseline of {baseline:g} m is short: {hint}"]
     return []
