@@ -36,12 +36,14 @@ def save_checkpoint(
 ) -> None:
     """Writes weights, configuration and `metadata` (anything JSON can hold) as .safetensors, whole or not at all.
 
+    Weights of any floating-point type are stored as float32.
+
     Raises:
         AnyNetError: if `load_checkpoint` would refuse the file, or it cannot be written.
     """
     config = model.config
     # Compiled modules have names of their own.
-    tensors = {name.replace("_orig_mod.", ""): t.cpu().contiguous() for name, t in model.state_dict().items()}
+    tensors = {name.replace("_orig_mod.", ""): _stored(t) for name, t in model.state_dict().items()}
     network: Any = AnyNet if isinstance(config, AnyNetConfig) else type(getattr(model, "_orig_mod", model))
     with torch.device("meta"):
         own = network(config).float().state_dict()
@@ -53,6 +55,10 @@ def save_checkpoint(
     except (TypeError, ValueError, RecursionError) as error:
         raise AnyNetError(f"cannot write {path}: {one_line(error)}") from None
     write_atomically(path, save(tensors, header))
+
+
+def _stored(tensor: Tensor) -> Tensor:
+    return (tensor.cpu().float() if tensor.is_floating_point() else tensor.cpu()).contiguous()
 
 
 @computing()
