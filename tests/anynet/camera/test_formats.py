@@ -523,7 +523,13 @@ def test_opencv_with_the_pose_of_each_camera(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "more", [{"model": "omnidir"}, {"xi1": 1.2, "xi2": 1.2}, {"distortion_model": "double_sphere"}]
+    "more",
+    [
+        {"model": "omnidir"},
+        {"xi1": 1.2, "xi2": 1.2},
+        {"model": "pinhole", "xi": 1.2},
+        {"distortion_model": "double_sphere"},
+    ],
 )
 def test_opencv_with_lenses_of_other_models(tmp_path: Path, more: dict[str, object]) -> None:
     rig = {"K1": K1, "D1": D, "K2": K1, "D2": D, "R": np.eye(3).tolist(), "T": [-0.1, 0, 0], **more}

@@ -31,15 +31,9 @@ def recognizes(documents: Sequence[Document]) -> bool:
 def read(documents: Sequence[Document], request: Request) -> Found:
     cameras = [document for document in documents if "model_type" in document.fields]
     rigs = [document for document in documents if "model_type" not in document.fields]
-    names = [text(rigs[0].fields.get(f"cam{number}_calib")) for number in (0, 1)] if rigs else []
-    if all(names) and rigs:
-        if not cameras:
-            cameras = [open_document(rigs[0].path.parent / name) for name in names]
-        else:  # in the order of the settings, not of the options
-            cameras.sort(key=lambda document: document.path.name != Path(names[0]).name)
-            given = [document.path.name for document in cameras]
-            if given != [Path(name).name for name in names]:
-                raise AnyNetError(f"expected the cameras {' and '.join(names)}, got {' and '.join(given)}")
+    names = [text(rig.fields.get(f"cam{number}_calib")) for rig in rigs[:1] for number in (0, 1)]
+    if names and all(names):
+        cameras = _named(names, cameras) if cameras else [open_document(rigs[0].path.parent / name) for name in names]
     if len(cameras) != 2 or len(rigs) != 1:
         raise AnyNetError(
             "of unrectified cameras (model_type): expected the files of both cameras and the one with "
@@ -55,6 +49,19 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     translation = motion[:3, 3] * (request.meters or 1.0)
     from_rig(found, StereoRig(left, right, motion[:3, :3], translation, size, "VINS, raw cameras"))
     return found
+
+
+def _named(names: Sequence[str], cameras: Sequence[Document]) -> list[Document]:
+    """The cameras in the order of the settings, not of the options.
+
+    Raises:
+        AnyNetError: if the settings name others.
+    """
+    ordered = sorted(cameras, key=lambda document: document.path.name != Path(names[0]).name)
+    given = [document.path.name for document in ordered]
+    if given != [Path(name).name for name in names]:
+        raise AnyNetError(f"expected the cameras {' and '.join(names)}, got {' and '.join(given)}")
+    return ordered
 
 
 def _camera(document: Document) -> tuple[Camera, tuple[int, int] | None]:

@@ -24,11 +24,16 @@ def model_of(name: str) -> str:
     """
     plain = name.strip().lower().replace("model_", "")
     if plain not in _MODELS:
-        raise AnyNetError(
-            f"expected cameras of the models pinhole (radtan) or equidistant, got {name}: rectify the images with the "
-            "tool that calibrated them, and give --focal and --baseline"
-        )
+        raise unknown_model(name)
     return _MODELS[plain]
+
+
+def unknown_model(name: str) -> AnyNetError:
+    """What is said of a lens that OpenCV's two models do not describe."""
+    return AnyNetError(
+        f"expected cameras of the models pinhole (radtan) or equidistant, got {name}: rectify the images with the "
+        "tool that calibrated them, and give --focal and --baseline"
+    )
 
 
 def camera(focal_and_center: Matrix, distortion: Matrix, model: str) -> Camera:

@@ -22,7 +22,7 @@ from anynet.camera.formats.found import (
     from_rig,
     from_values,
 )
-from anynet.camera.formats.models import model_of
+from anynet.camera.formats.models import unknown_model
 from anynet.camera.formats.names import Named, Names, matrix, plain
 from anynet.camera.rig import FISHEYE, PINHOLE, Camera, StereoRig
 from anynet.camera.tree import Tree, numbers, shortened
@@ -203,10 +203,11 @@ def _model(names: Names, told: str) -> str:
         word in told for word in ("fisheye", "equidistant", "kannala")
     ):
         return FISHEYE
-    others = [word for word in _OTHER_MODELS if word in plain(told)]
-    others += [name for name in ("xi", "xi1", "xi2") if names.one([name]) is not None]
-    if others:
-        model_of(told or f"a lens with {others[0]}")  # raises
+    if any(word in plain(told) for word in _OTHER_MODELS):
+        raise unknown_model(told)
+    parameter = names.one(("xi", "xi1", "xi2"))
+    if parameter is not None:
+        raise unknown_model(f"a lens with {parameter[0]}")
     return PINHOLE
 
 
