@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from processes import completed
 
 import anynet_ext
 from anynet import cli
@@ -79,19 +80,16 @@ def test_a_closed_pipe_is_quiet() -> None:
 
 
 def test_a_closed_standard_output_is_no_error() -> None:
-    for closed in (">&-", ">&- 2>&-", "<&- >&-"):
-        command = ["bash", "-c", f'exec "$@" {closed}', "bash", *MODULE, "info"]
-        result = subprocess.run(command, capture_output=True, check=False)
-        assert (result.returncode, result.stderr) == (0, b"")
+    every = ">&-", ">&- 2>&-", "<&- >&-"
+    for result in completed([["bash", "-c", f'exec "$@" {closed}', "bash", *MODULE, "info"] for closed in every]):
+        assert (result.returncode, result.stderr) == (0, "")
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
 def test_a_full_standard_output_is_one_line() -> None:
-    for arguments in (["info"], ["--help"]):
-        with open("/dev/full", "w") as full:
-            result = subprocess.run([*MODULE, *arguments], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-        assert (result.returncode, result.stderr) == (2, "anynet: No space left on device\n")
     with open("/dev/full", "w") as full:
+        for result in completed([[*MODULE, "info"], [*MODULE, "--help"]], stdout=full):
+            assert (result.returncode, result.stderr) == (2, "anynet: No space left on device\n")
         command, environment = [*MODULE, "predict", "a", "b", "--out", "c"], {**os.environ, "PYTHONUNBUFFERED": ""}
         assert subprocess.run(command, stderr=full, env=environment, check=False).returncode == 2
 
