@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -21,14 +21,23 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "ray_predict.py"
         ("folder", (), "Is a directory"),
     ],
 )
-def test_mistakes_are_told(tmp_path: Path, content: str | None, arguments: tuple[str, ...], message: str) -> None:
+def test_mistakes_are_told(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    content: str | None,
+    arguments: tuple[str, ...],
+    message: str,
+) -> None:
     path = tmp_path / "pairs.csv"
     if content == "folder":
         path.mkdir()
     elif content is not None:
         path.write_text(content)
-    command = [sys.executable, str(EXAMPLE), "--list", str(path), "--out", str(tmp_path / "out"), *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr.splitlines()[-1].endswith(message)
-    assert "Traceback" not in done.stderr
+    monkeypatch.setattr(sys, "argv", [str(EXAMPLE), "--list", str(path), "--out", str(tmp_path / "out"), *arguments])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(str(EXAMPLE), run_name="__main__")
+    assert end.value.code == 2
+    errors = capsys.readouterr().err
+    assert errors.splitlines()[-1].endswith(message)
+    assert "Traceback" not in errors
