@@ -154,19 +154,25 @@ def test_a_number_of_the_camera_is_not_one_of_the_frame(tmp_path: Path) -> None:
     assert alone == []
 
 
-@pytest.mark.parametrize("how", ["folders", "patterns"])
-def test_ten_thousand_pairs(tmp_path: Path, how: str) -> None:
-    first = tmp_path / "0"
-    first.touch()
+@pytest.fixture(scope="module")
+def ten_thousand_pairs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pairs")
+    (folder / "0").touch()
     for side in ("l", "r"):
-        (tmp_path / side).mkdir()
+        (folder / side).mkdir()
         for number in range(10_000):
-            os.link(first, tmp_path / side / f"{number:05}.png")
-    given = [str(tmp_path / side / ("" if how == "folders" else "*.png")) for side in ("l", "r")]
-    seconds = []
+            os.link(folder / "0", folder / side / f"{number:05}.png")
+    return folder
+
+
+@pytest.mark.parametrize("how", ["folders", "patterns"])
+def test_ten_thousand_pairs(ten_thousand_pairs: Path, how: str) -> None:
+    given = [str(ten_thousand_pairs / side / ("" if how == "folders" else "*.png")) for side in ("l", "r")]
     for _ in range(3):  # of which the fastest counts: other work on the machine slows one down
         start = time.process_time()
         pairs, alone = find_pairs(*given)
-        seconds.append(time.process_time() - start)
+        seconds = time.process_time() - start
         assert (len(pairs), len(alone)) == (10_000, 0)
-    assert min(seconds) < 1
+        if seconds < 1:
+            break
+    assert seconds < 1
