@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,15 +24,30 @@ def expected(case: Case, tensors: list[Tensor | None], grad: Tensor) -> tuple[Te
     return out.detach(), list(grads)
 
 
+@cache  # of a case and a type for all its layouts and instruction sets
+def expected_of(case: Case, dtype: torch.dtype) -> tuple[Tensor, Tensor, list[Tensor]]:
+    """A gradient for the result of the case's own tensors, and the reference's result and gradients."""
+    tensors = case.tensors(dtype)
+    grad = torch.randn(out_shape(case, tensors), dtype=torch.float64).to(dtype)
+    return grad, *expected(case, tensors, grad)
+
+
 def actual(ops, case: Case, tensors: list[Tensor | None], grad: Tensor) -> tuple[Tensor, list[Tensor]]:
     leaves = [None if t is None else t.detach().requires_grad_() for t in tensors]
     out = case.run(ops, leaves)
     return out.detach(), list(torch.autograd.grad(out, [t for t in leaves if t is not None], grad))
 
 
-def check(ops, case: Case, dtype: torch.dtype, tensors: list[Tensor | None], grad: Tensor) -> None:
+def check(
+    ops,
+    case: Case,
+    dtype: torch.dtype,
+    tensors: list[Tensor | None],
+    grad: Tensor,
+    expected_out: Tensor,
+    expected_grads: list[Tensor],
+) -> None:
     out, grads = actual(ops, case, tensors, grad)
-    expected_out, expected_grads = expected(case, tensors, grad)
     assert out.is_contiguous()
     # The reference stays in float64: rounded as well, it could land on the next number but one.
     assert out.dtype == dtype
@@ -104,15 +120,15 @@ class DifferentiableOperator:
     @pytest.mark.parametrize("dtype", DTYPES, ids=str)
     def test_sizes(self, ops, case, dtype):
         tensors = [None if t is None else t.to(ops.device) for t in case.tensors(dtype)]
-        grad = torch.randn(out_shape(case, tensors), dtype=torch.float64).to(ops.device, dtype)
-        check(ops, case, dtype, tensors, grad)
+        grad, *results = expected_of(case, dtype)
+        check(ops, case, dtype, tensors, grad.to(ops.device), *results)
 
     @pytest.mark.parametrize("dtype", DTYPES, ids=str)
     @pytest.mark.parametrize("layout", LAYOUTS)
     def test_layouts(self, ops, layout_case, layout, dtype):
         tensors = [None if t is None else LAYOUTS[layout](t.to(ops.device)) for t in layout_case.tensors(dtype)]
-        grad = torch.randn(out_shape(layout_case, tensors), dtype=torch.float64).to(ops.device, dtype)
-        check(ops, layout_case, dtype, tensors, LAYOUTS[layout](grad))
+        grad, *results = expected_of(layout_case, dtype)
+        check(ops, layout_case, dtype, tensors, LAYOUTS[layout](grad.to(ops.device)), *results)
 
     @pytest.mark.parametrize("dtype", DTYPES, ids=str)
     def test_expanded(self, ops, layout_case, dtype):
@@ -120,7 +136,7 @@ class DifferentiableOperator:
         tensors = [None if t is None else t.to(ops.device) for t in layout_case.tensors(dtype)]
         tensors = [None if t is None else t[:1].expand(2, *t.shape[1:]) for t in tensors]
         grad = torch.ones((), dtype=dtype, device=ops.device).expand(out_shape(layout_case, tensors))
-        check(ops, layout_case, dtype, tensors, grad)
+        check(ops, layout_case, dtype, tensors, grad, *expected(layout_case, tensors, grad))
 
     def test_gradcheck(self, ops, gradcheck_case):
         tensors = [
@@ -135,16 +151,10 @@ class DifferentiableOperator:
     @pytest.mark.parametrize("dtype", DTYPES, ids=str)
     @pytest.mark.parametrize("isa", ISAS, ids=lambda isa: isa.name)
     def test_kernels(self, case, isa, dtype):
-        tensors = case.tensors(dtype)
-        wide = [None if t is None else t.double().clone().requires_grad_() for t in tensors]
-        expected = case.run(reference, wide)
-        grad = torch.randn_like(expected).to(dtype)
-        inputs = [t for t in wide if t is not None]
-        expected_grads = torch.autograd.grad(expected, inputs, grad.double(), materialize_grads=True)
-
-        arrays = [None if t is None else reversed_columns(to_array(t)) for t in tensors]
+        grad, expected_out, expected_grads = expected_of(case, dtype)
+        arrays = [None if t is None else reversed_columns(to_array(t)) for t in case.tensors(dtype)]
         out = getattr(_kernels, case.op)(isa, *arrays, *case.numbers, 2)
-        torch.testing.assert_close(from_array(out).double(), expected.detach(), **TOLERANCES[dtype])
+        torch.testing.assert_close(from_array(out).double(), expected_out, **TOLERANCES[dtype])
         extra = [out] if case.op == "spatial_propagation" else []
         backward = getattr(_kernels, f"{case.op}_backward")
         grads = backward(isa, reversed_columns(to_array(grad)), *arrays, *extra, *case.numbers, 2)
