@@ -119,7 +119,14 @@ def test_good_citizen() -> None:
     with torch.autocast("cpu", torch.bfloat16):
         out, *_ = anynet_ext.batch_norm_relu(tensors[0].bfloat16(), *tensors[1:])
     assert out.dtype == torch.float32
-    compiled = torch.compile(lambda *values: anynet_ext.batch_norm_relu(*values)[0].sin(), fullgraph=True)
+
+
+@pytest.mark.parametrize("backend", ["aot_eager", pytest.param("inductor", marks=pytest.mark.slow)])
+def test_compile(backend: str) -> None:
+    tensors = [t.requires_grad_() for t in make((2, 3, 5, 4), torch.float32)]
+    compiled = torch.compile(
+        lambda *values: anynet_ext.batch_norm_relu(*values)[0].sin(), fullgraph=True, backend=backend
+    )
     torch.testing.assert_close(compiled(*tensors), anynet_ext.batch_norm_relu(*tensors)[0].sin())
 
 

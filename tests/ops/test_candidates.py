@@ -79,8 +79,8 @@ def test_the_reference_takes_batches(volume: Any) -> None:
 
 def test_the_references_have_gradients() -> None:
     generator = torch.Generator().manual_seed(1)
-    features = torch.randn(4, 2, 2, 7, generator=generator, dtype=torch.float64, requires_grad=True)
-    disparity = 0.3 + torch.rand(2, 1, 2, 7, generator=generator, dtype=torch.float64).mul(0.4)
+    features = torch.randn(4, 2, 2, 4, generator=generator, dtype=torch.float64, requires_grad=True)
+    disparity = 0.3 + torch.rand(2, 1, 2, 4, generator=generator, dtype=torch.float64).mul(0.4)
     disparity.requires_grad_()
     assert torch.autograd.gradcheck(
         lambda f, d: reference.candidate_costs(f, d, 2, -1, 1, 1), (features, disparity), eps=1e-7, atol=1e-5
