@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import torch
 from networks import with_weights_of
+from processes import completed
 
 from anynet import AnyNet, Estimate, Predictor, load_checkpoint, save_checkpoint
 from anynet import predictor as predictor_module
@@ -300,8 +301,7 @@ def work():
 for _ in range(3): threading.Thread(target=work, daemon=True).start()
 time.sleep(0.5)
 """
-    for _ in range(3):
-        done = run_python(code)
+    for done in completed([[sys.executable, "-c", code]] * 3):
         assert (done.returncode, done.stderr) == (0, "")
 
 
