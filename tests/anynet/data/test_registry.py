@@ -62,7 +62,7 @@ def test_wrong_roots_say_what_was_looked_for_and_found(tmp_path: Path, kind: str
         open_dataset(f"{kind}:{tmp_path}/nowhere")
 
 
-def test_specs(tmp_path: Path) -> None:
+def test_specs(tmp_path: Path, rendering_here: None) -> None:
     list(write_rendered(tmp_path, 2, height=96, width=128))
     both = open_datasets([f"rendered:{tmp_path}", "render:1?seed=9&height=96&width=128"])
     assert len(both) == 3

@@ -39,7 +39,7 @@ def test_a_killed_worker_is_told(tmp_path: Path) -> None:
     assert len(list(write_rendered(tmp_path, 2, height=96, width=128))) < 3
 
 
-def test_folder_of_another_size_is_refused(tmp_path: Path) -> None:
+def test_folder_of_another_size_is_refused(tmp_path: Path, rendering_here: None) -> None:
     list(write_rendered(tmp_path, 1, height=96, width=128))
     with pytest.raises(AnyNetError, match=r'asked for .*"height": 64'):
         list(write_rendered(tmp_path, 1, height=64, width=128))
@@ -61,7 +61,7 @@ def test_a_damaged_note_of_the_settings(tmp_path: Path) -> None:
         next(write_rendered(tmp_path, 1))
 
 
-def test_what_else_lies_in_the_folder_is_left_out(tmp_path: Path) -> None:
+def test_what_else_lies_in_the_folder_is_left_out(tmp_path: Path, rendering_here: None) -> None:
     list(write_rendered(tmp_path, 1, height=96, width=128))
     (tmp_path / "._0000000.npy").write_bytes(b"\0\5\26\7")
     os.mkfifo(tmp_path / "0000001.npy")  # to open it would take for ever
