@@ -17,6 +17,7 @@ import os
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -104,14 +105,21 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def runs(folder: Path) -> None:
+@pytest.fixture(scope="module")
+def saved_runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Weights of training runs, with random values."""
+    runs = tmp_path_factory.mktemp("saved") / "runs"
     large = presets.large().with_input_scale(2)
     far = large.with_options({"refinement.directions": (1, 0), "refinement.convex_upsampling": False})
     for name, config in {"first": large, "finer": large, "far": far}.items():
-        (folder / "runs" / name).mkdir(parents=True)
-        save_checkpoint(folder / "runs" / name / "weights.safetensors", AnyNet(config))
+        (runs / name).mkdir(parents=True)
+        save_checkpoint(runs / name / "weights.safetensors", AnyNet(config))
+    return runs
+
+
+@pytest.fixture
+def runs(folder: Path, saved_runs: Path) -> None:
+    shutil.copytree(saved_runs, folder / "runs")
 
 
 @pytest.fixture
