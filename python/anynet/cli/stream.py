@@ -186,6 +186,7 @@ def _process(result: Result, writer: Writer | None, sinks: list[Sink]) -> dict[s
         results.write_trust(estimate)
         if pair.calibration is not None:
             results.write_depth(estimate.disparity, pair.calibration, pair.left)
+        results.tell_older()
         files = results.files
     for sink in sinks:
         sink.write(result)
