@@ -128,7 +128,8 @@ def stream(
         prepare, told = cameras.for_source(source, opened, input_scale)
         if view:
             saved = out or Path("anynet-view")
-            show(opened, prepare, weights, input_scale, device, precision, threads, saved, rate=rate)
+            shown = opened, prepare, weights, input_scale, device, precision, threads, saved
+            show(*shown, rate=rate, watch=cameras.check)
             return
 
         from anynet import Predictor  # takes seconds, so after the cheap checks
