@@ -179,7 +179,7 @@ def evaluate(
     try:
         for runs, (spec, samples) in rounds:
             with progress.status(f"{', '.join(runs)} on {spec}"):
-                for run in runs.values():
+                for run in () if splits else runs.values():  # which ran when their stages were counted
                     for _ in run(samples[0].left, samples[0].right):
                         pass  # a first time, which pays for the memory
                 for (name, where), evaluation in compare(runs, samples, regions, prepare=prepare).items():

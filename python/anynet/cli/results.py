@@ -162,11 +162,12 @@ class Results:
             write_image(self._path(f"rectified_{side}", "png"), image)
 
     def tell_older(self) -> None:
-        """Warns of the pair's files that were there before and are not written anew; for the first pair that has some."""
+        """Warns of the pair's files from before that are not written anew, for the first pair that has some."""
         older = set(self.older) - {Path(file).name for file in self.files.values()}
         if older:
             self.writer.older.clear()
-            warnings.warn(f"{self.writer.out}: not of this run, but from before: {', '.join(sorted(older))}", stacklevel=2)
+            files = ", ".join(sorted(older))
+            warnings.warn(f"{self.writer.out}: not of this run, but from before: {files}", stacklevel=2)
 
     def _path(self, kind: str, ending: str, stem: str | None = None) -> Path:
         path = self.writer.out / f"{self.name}_{stem or kind}.{ending}"

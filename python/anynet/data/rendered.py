@@ -129,8 +129,7 @@ def write_rendered(
                 yield done
         except BrokenProcessPool:
             raise AnyNetError(
-                f"{root}: a worker ended with an error of its own, or was killed, perhaps for lack of memory: go on with "
-                "fewer --workers"
+                f"{root}: a worker failed or was killed, perhaps for lack of memory: go on with fewer --workers"
             ) from None
         finally:
             pool.shutdown(cancel_futures=True)

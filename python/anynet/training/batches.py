@@ -106,8 +106,7 @@ def telling_killed_workers() -> Iterator[None]:
         if not re.match(r"DataLoader worker \(pid.*(killed by signal|exited unexpectedly)", str(error)):
             raise
         raise AnyNetError(
-            "a worker ended with an error of its own, or was killed, perhaps for lack of memory: go on with --resume and "
-            "fewer --workers"
+            "a worker failed or was killed, perhaps for lack of memory: go on with --resume and fewer --workers"
         ) from None
 
 
