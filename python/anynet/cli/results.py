@@ -43,6 +43,13 @@ def file_ids(paths: Iterable[Path]) -> frozenset[FileId]:
     return frozenset(found)
 
 
+def check_not_inputs(outputs: Iterable[Path], inputs: frozenset[FileId]) -> None:
+    """Raises AnyNetError if one of the files to write is one of those to read."""
+    for path in outputs:
+        if file_ids([path]) & inputs:
+            raise AnyNetError(f"{path}: is one of the files to read; choose another folder for the results")
+
+
 class Format(str, Enum):
     """Formats of disparity files."""
 
@@ -171,8 +178,7 @@ class Results:
 
     def _path(self, kind: str, ending: str, stem: str | None = None) -> Path:
         path = self.writer.out / f"{self.name}_{stem or kind}.{ending}"
-        if file_ids([path]) & self.writer.inputs:
-            raise AnyNetError(f"{path}: is one of the images to read; choose another folder for the results")
+        check_not_inputs([path], self.writer.inputs)
         self.files[kind] = str(path)
         return path
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections import deque
 from collections.abc import Iterator
@@ -115,6 +116,9 @@ def stream(
     ):
         if option not in (None, []) and not used:
             raise AnyNetError(f"{name} belongs to {owner}")
+    written = [os.path.abspath(path) for path in (*(record or ()), *([video] if video else ()))]
+    if len(set(written)) < len(written):
+        raise AnyNetError(f"--record and --video: expected files that differ, got {', '.join(written)}")
     trust = Trust(min_confidence, drop_occluded)
 
     from anynet.streams import Recorder, Stream, Video

@@ -90,6 +90,16 @@ def test_methods_run_once_before_they_are_measured(monkeypatch: pytest.MonkeyPat
     assert runs == [(64, 128, 3)] * 2
 
 
+def test_no_image_to_read_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("0.png", "right.png"):
+        write_image(tmp_path / name, np.zeros((48, 64, 3), np.uint8))
+    np.save(tmp_path / "truth.npy", np.ones((48, 64), np.float32))
+    (tmp_path / "pairs.csv").write_text("left,right,disparity\n0.png,right.png,truth.npy\n")
+    data = f"csv:{tmp_path / 'pairs.csv'}"
+    assert main(["evaluate", "--method", "bm", "--data", data, "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith(f"anynet: {tmp_path / '0.png'}: is one of the files to read; ")
+
+
 @pytest.mark.parametrize("options", [[], ["--confidence"]])
 def test_an_output_folder_that_cannot_be_made_is_told_first(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, options: list[str]
