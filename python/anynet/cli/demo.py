@@ -13,6 +13,7 @@ from rich.table import Table
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.network import Device, InputScale, Precision, Threads, Weights
+from anynet.cli.results import check_not_inputs, file_ids
 from anynet.cli.told import collected_warnings, tell_warnings
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from anynet.camera import Calibration, PairPreparation, PreparedPair
     from anynet.samples import StereoSample
 
+_FILES = "stages.png", "cloud.ply", "rectified_left.png", "rectified_right.png"
 _RUNS = 5  # after one to warm up; the table has their medians
 
 
@@ -64,6 +66,8 @@ def demo(
     if not rendered and seed is not None:
         raise AnyNetError("--seed belongs to --rendered")
 
+    inputs = file_ids(path for path in (left, right, truth) if path is not None)
+    check_not_inputs((out / name for name in _FILES), inputs)
     with collected_warnings() as told:
         if left is not None and right is not None:
             sample = _own(left, right, truth, truth_scale)

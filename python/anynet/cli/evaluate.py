@@ -13,6 +13,7 @@ from rich.console import Console
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.network import Device, InputScale, Precision, Threads
+from anynet.cli.results import check_not_inputs, file_ids
 from anynet.cli.told import telling_warnings
 from anynet.cli.trust import LeftRight
 from anynet.errors import AnyNetError
@@ -97,6 +98,7 @@ def evaluate(
     from anynet import Predictor
     from anynet.baselines import BaselineConfig, BaselineModel, BaselinePredictor
     from anynet.data import open_dataset
+    from anynet.data.files import PairFiles
     from anynet.evaluation import opencv, perturbed, report
     from anynet.evaluation.evaluate import Method, compare
     from anynet.evaluation.methods import open_method
@@ -158,6 +160,10 @@ def evaluate(
     rounds = (
         [(dict([m]), d) for m, d in zip(methods, named, strict=True)] if splits else [(dict(methods), d) for d in named]
     )
+    if out is not None and not perturbations:
+        read = [vars(f).values() for _, samples in named if isinstance(samples, PairFiles) for f in samples.files]
+        inputs = file_ids(path for paths in read for path in paths if isinstance(path, Path))
+        check_not_inputs((out / f"{n}.png" for n in range(sum(len(runs) for runs, _ in rounds))), inputs)
     progress = Console(stderr=True)
     if perturbations:
         tables: dict[str, report.Results] = {perturbed.CLEAN: {}, **{name: {} for name in perturbations}}
@@ -179,7 +185,7 @@ def evaluate(
     try:
         for runs, (spec, samples) in rounds:
             with progress.status(f"{', '.join(runs)} on {spec}"):
-                for run in runs.values():
+                for run in () if splits else runs.values():  # which ran when their stages were counted
                     for _ in run(samples[0].left, samples[0].right):
                         pass  # a first time, which pays for the memory
                 for (name, where), evaluation in compare(runs, samples, regions, prepare=prepare).items():

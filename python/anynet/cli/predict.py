@@ -167,6 +167,7 @@ def _process(pair: Pair, predictor: Predictor, request: Request) -> dict[str, An
             results.write_depth(disparity, prepared.calibration, prepared.left)
         if request.save_rectified:
             results.write_images(prepared.left, prepared.right)
+        results.tell_older()
     calibration = prepared.calibration
     notes = [] if calibration is None or not calibration.origin else [f"calibration: {calibration.origin}"]
     return {

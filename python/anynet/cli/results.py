@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +18,6 @@ import numpy.typing as npt
 import typer
 
 from anynet.errors import AnyNetError
-from anynet.io.files import reason
 
 if TYPE_CHECKING:
     from anynet import Estimate
@@ -25,6 +26,11 @@ if TYPE_CHECKING:
 Image = npt.NDArray[np.uint8]
 Map = npt.NDArray[np.float32]
 FileId = tuple[int, int]
+
+_FILE = re.compile(
+    r"(.+?)_(?:(?:stage\d+_)?(?:disparity|color)|depth|cloud|confidence|occluded|rectified_left|rectified_right)"
+    r"\.(?:png|pfm|npy|tiff|ply)"
+)
 
 
 def file_ids(paths: Iterable[Path]) -> frozenset[FileId]:
@@ -35,6 +41,13 @@ def file_ids(paths: Iterable[Path]) -> frozenset[FileId]:
             status = os.stat(path)
             found.add((status.st_dev, status.st_ino))
     return frozenset(found)
+
+
+def check_not_inputs(outputs: Iterable[Path], inputs: frozenset[FileId]) -> None:
+    """Raises AnyNetError if one of the files to write is one of those to read."""
+    for path in outputs:
+        if file_ids([path]) & inputs:
+            raise AnyNetError(f"{path}: is one of the files to read; choose another folder for the results")
 
 
 class Format(str, Enum):
@@ -79,7 +92,18 @@ class Writer:
 
     def of(self, name: str) -> Results:
         """For the pair of that name."""
-        return Results(self, name)
+        return Results(self, name, self.older.get(name, []))
+
+    @cached_property
+    def older(self) -> dict[str, list[str]]:
+        """Names of files like these that were there before the first pair, but for `inputs`, by the names of pairs."""
+        found: dict[str, list[str]] = {}
+        with suppress(OSError):  # a folder that may only be written to
+            for path in self.out.iterdir():
+                match = _FILE.fullmatch(path.name)
+                if match and not file_ids([path]) & self.inputs:
+                    found.setdefault(match[1], []).append(path.name)
+        return found
 
 
 @dataclass
@@ -88,13 +112,13 @@ class Results:
 
     writer: Writer
     name: str
+    older: list[str]
     files: dict[str, str] = field(default_factory=dict)
 
     def write_disparity(self, prefix: str, disparity: Map, limits: tuple[float, float]) -> None:
         """A disparity map, NaN where unknown, and its image in colors from `limits`.
 
         A PNG holds disparities above 0 and below 256: where others are known, a PFM is written instead, with a warning.
-        Where an earlier run wrote another format, its file is removed: the other files are of this run.
         """
         from anynet.io import write_disparity, write_image
         from anynet.visualize import disparity_image
@@ -107,13 +131,8 @@ class Results:
                 stacklevel=2,
             )
             chosen = Format.pfm
-        path, color = self._path(f"{prefix}disparity", chosen.value), self._path(f"{prefix}color", "png")
-        superseding = color.exists() and not path.exists()  # without a color it is no result, but the user's file
-        write_disparity(path, disparity)
-        write_image(color, disparity_image(disparity, limits))
-        if superseding:
-            for other in set(Format) - {chosen}:
-                self._remove(path.with_suffix(f".{other.value}"))
+        write_disparity(self._path(f"{prefix}disparity", chosen.value), disparity)
+        write_image(self._path(f"{prefix}color", "png"), disparity_image(disparity, limits))
 
     def write_depth(self, disparity: Map, calibration: Calibration, left: Image) -> None:
         """Depth maps and the point cloud."""
@@ -149,20 +168,19 @@ class Results:
         for side, image in (("left", left), ("right", right)):
             write_image(self._path(f"rectified_{side}", "png"), image)
 
+    def tell_older(self) -> None:
+        """Warns of the pair's files from before that are not written anew, for the first pair that has some."""
+        older = set(self.older) - {Path(file).name for file in self.files.values()}
+        if older:
+            self.writer.older.clear()
+            files = ", ".join(sorted(older))
+            warnings.warn(f"{self.writer.out}: not of this run, but from before: {files}", stacklevel=2)
+
     def _path(self, kind: str, ending: str, stem: str | None = None) -> Path:
         path = self.writer.out / f"{self.name}_{stem or kind}.{ending}"
-        if file_ids([path]) & self.writer.inputs:
-            raise AnyNetError(f"{path}: is one of the images to read; choose another folder for the results")
+        check_not_inputs([path], self.writer.inputs)
         self.files[kind] = str(path)
         return path
-
-    def _remove(self, path: Path) -> None:
-        """Removes what an earlier run wrote, if it is there and no image to read."""
-        if path.is_file() and not file_ids([path]) & self.writer.inputs:
-            try:
-                path.unlink()
-            except OSError as error:
-                raise AnyNetError(f"cannot remove {path}: {reason(error)}") from error
 
 
 def _fits_png(disparity: Map) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections import deque
 from collections.abc import Iterator
@@ -115,6 +116,9 @@ def stream(
     ):
         if option not in (None, []) and not used:
             raise AnyNetError(f"{name} belongs to {owner}")
+    written = [os.path.abspath(path) for path in (*(record or ()), *([video] if video else ()))]
+    if len(set(written)) < len(written):
+        raise AnyNetError(f"--record and --video: expected files that differ, got {', '.join(written)}")
     trust = Trust(min_confidence, drop_occluded)
 
     from anynet.streams import Recorder, Stream, Video
@@ -128,7 +132,8 @@ def stream(
         prepare, told = cameras.for_source(source, opened, input_scale)
         if view:
             saved = out or Path("anynet-view")
-            show(opened, prepare, weights, input_scale, device, precision, threads, saved, rate=rate)
+            shown = opened, prepare, weights, input_scale, device, precision, threads, saved
+            show(*shown, rate=rate, watch=cameras.check)
             return
 
         from anynet import Predictor  # takes seconds, so after the cheap checks
@@ -186,6 +191,7 @@ def _process(result: Result, writer: Writer | None, sinks: list[Sink]) -> dict[s
         results.write_trust(estimate)
         if pair.calibration is not None:
             results.write_depth(estimate.disparity, pair.calibration, pair.left)
+        results.tell_older()
         files = results.files
     for sink in sinks:
         sink.write(result)

@@ -49,7 +49,10 @@ def view(
         source, right, split=split, rate=rate, size=size, topics=topics, topic=topic, slop=slop, reconnect=reconnect
     ) as opened:
         prepare, _ = cameras.for_source(source, opened, input_scale)
-        show(opened, prepare, weights, input_scale, device, precision, threads, out, host, port, rate)
+        show(
+            opened, prepare, weights, input_scale, device, precision, threads, out, host, port, rate=rate,
+            watch=cameras.check,
+        )  # fmt: skip
 
 
 def show(
@@ -64,18 +67,16 @@ def show(
     host: str = "127.0.0.1",
     port: int = 8080,
     rate: float | None = None,
+    watch: bool = True,
 ) -> None:
     """Serves the page until Ctrl-C or SIGTERM."""
-    from anynet.checkpoint import PACKAGED, load_checkpoint
-    from anynet.device import find_device, find_precision
+    from anynet.checkpoint import PACKAGED
     from anynet.view import View
 
-    load_checkpoint(weights, input_scale)  # what is wrong with them is told before the page is up
-    find_precision(precision, find_device(device))
     names = [file.stem for file in sorted(PACKAGED.glob("*.safetensors"))]
     view = View(
         source, prepare=prepare, weights=list(dict.fromkeys([weights, *names])), input_scale=input_scale,
-        device=device, precision=precision, threads=threads, host=host, port=port, out=out, rate=rate,
+        device=device, precision=precision, threads=threads, host=host, port=port, out=out, rate=rate, watch=watch,
     )  # fmt: skip
 
     with stopping(view.stop):

@@ -107,7 +107,7 @@ def write_rendered(
 ) -> Iterator[int]:
     """Renders pairs `seed` ... `seed` + `count` - 1 into a folder, yielding how many are there; files present are kept.
 
-    Raises AnyNetError if the folder holds pairs of another size, or cannot be written to, or a process is killed.
+    Raises AnyNetError if the folder holds pairs of another size, or cannot be written to, or a process ends.
     """
     make_folder(root)
     about = root / "render.json"
@@ -121,15 +121,15 @@ def write_rendered(
     yield done
     # Not forked: OpenCV's threads do not survive it.
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        tasks = [pool.submit(_render_to, path, number, height, width) for path, number in missing.items()]
         try:
+            tasks = [pool.submit(_render_to, path, number, height, width) for path, number in missing.items()]
             for task in as_completed(tasks):
                 task.result()
                 done += 1
                 yield done
         except BrokenProcessPool:
             raise AnyNetError(
-                f"{root}: a worker was killed, perhaps for lack of memory: go on with fewer --workers"
+                f"{root}: a worker failed or was killed, perhaps for lack of memory: go on with fewer --workers"
             ) from None
         finally:
             pool.shutdown(cancel_futures=True)

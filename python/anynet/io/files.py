@@ -15,7 +15,7 @@ from anynet.errors import AnyNetError, one_line
 
 MAX_PIXELS = 2**26  # 67 megapixels: larger than images of cameras, small enough to decode in seconds
 MAX_TEXT = 2**24  # bytes
-_UNFINISHED = ".{}.part"
+_UNFINISHED = ".{}.part"  # 16 hexadecimal digits
 
 
 def max_pixels() -> int:
@@ -155,8 +155,11 @@ def _unfinished(path: Path) -> Path:
 
 def remove_unfinished(folder: str | os.PathLike[str]) -> None:
     """Removes what writers that were killed left in a folder. Nobody may be writing there at the time."""
-    for path in Path(folder).glob(_UNFINISHED.format("*")):
-        path.unlink(missing_ok=True)
+    for path in Path(folder).glob(_UNFINISHED.format("[0-9a-f]" * 16)):
+        if path.is_dir():  # of `replacing`
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:

@@ -230,8 +230,9 @@ class Recording(Source):
             missing = [topic for topic in named if topic not in images]
             if missing:
                 raise AnyNetError(f"{self._path}: no images on {missing[0]}; there are some on {_listed(images)}")
-            if len(set(named)) != wanted:
-                raise AnyNetError(f"expected {wanted} topics, got {len(set(named))}: {_listed(named)}")
+            if len(named) != wanted or len(set(named)) != wanted:
+                what = "one topic, with both images side by side" if split else "two different topics, left and right"
+                raise AnyNetError(f"expected {what}, got {_listed(named)}")
             return named
         if not images:
             raise AnyNetError(f"{self._path}: no topic with images")

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from anynet.camera import PairPreparation, PreparedPair, RowWatch, ShiftedPredictor
+from anynet.camera import PairPreparation, PreparedPair, ShiftedPredictor
 from anynet.errors import AnyNetError
 from anynet.predictor import Estimate, Predictor
 from anynet.streams.source import Frame, Source
+from anynet.streams.watch import WatchedPreparation
 from anynet.trust import Trust
 from anynet.worker import Worker
 
@@ -122,11 +123,10 @@ class Stream:
         self.statistics = Statistics()
         self._source = source
         self._predictor = predictor
-        self._prepare = prepare or PairPreparation(check=False)
+        self._prepare = WatchedPreparation(prepare or PairPreparation(check=False), watch)
         self._trust = trust or Trust()
         self._rate = rate
         self._every_frame = every_frame
-        self._watch = RowWatch() if watch else None
         self._new_worker: Callable[[Predictor | ShiftedPredictor], Worker] = partial(
             Worker, budget_ms=budget_ms, stage=stage, preempt=not every_frame,
             confidence=confidence or self._trust.asked, left_right=left_right,
@@ -191,7 +191,8 @@ class Stream:
             for frame in self._checked(self._source.frames()):
                 arrived = perf_counter()
                 self.statistics.arrived(arrived)
-                pair = self._prepared(frame)
+                pair, findings = self._prepare(frame)
+                self._warnings.extend(findings)
                 if self._worker is None:
                     self._worker = self._new_worker(pair.predictor(self._predictor))
                     self._begun.set()
@@ -207,19 +208,6 @@ class Stream:
             self.statistics.unpaired = self._source.unpaired
             self._read_all.set()
             self._begun.set()
-
-    def _prepared(self, frame: Frame) -> PreparedPair:
-        """The frame rectified; the first one is looked at closely, the others now and then."""
-        pair = self._prepare(frame.left, frame.right)
-        if self._worker is None:
-            self._prepare = self._prepare.following(pair)
-            self._warnings.extend(pair.warnings)
-            if any("unrectified" in warning for warning in pair.warnings):
-                self._watch = None  # it is told
-        elif self._watch is not None:
-            finding = self._watch(pair.left, pair.right, pair.calibration, pair.min_disparity)
-            self._warnings.extend([finding] if finding else [])
-        return pair
 
     def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
         """The frames in time, as long as they have one size."""

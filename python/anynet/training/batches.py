@@ -98,7 +98,7 @@ def telling_killed_workers() -> Iterator[None]:
     """PyTorch tells of them wherever the process is, not only where it waits for data.
 
     Raises:
-        AnyNetError: if the kernel, or somebody, killed a process that prepares data.
+        AnyNetError: if a process that prepares data ended, mostly killed by the kernel or somebody.
     """
     try:
         yield
@@ -106,7 +106,7 @@ def telling_killed_workers() -> Iterator[None]:
         if not re.match(r"DataLoader worker \(pid.*(killed by signal|exited unexpectedly)", str(error)):
             raise
         raise AnyNetError(
-            "a worker was killed, perhaps for lack of memory: go on with --resume and fewer --workers"
+            "a worker failed or was killed, perhaps for lack of memory: go on with --resume and fewer --workers"
         ) from None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from collections import deque
@@ -16,10 +15,12 @@ import numpy.typing as npt
 
 from anynet.camera import Calibration, PairPreparation, PreparedPair
 from anynet.cli.results import Writer, file_ids
-from anynet.errors import AnyNetError, printable
+from anynet.cli.told import tell_warnings
+from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
 from anynet.predictor import Estimate, Predictor
 from anynet.streams import Frame, Source
+from anynet.streams.watch import WatchedPreparation
 from anynet.trust import Trust, within_reach
 from anynet.view.page import Page, Settings
 from anynet.visualize import limits_of
@@ -56,9 +57,10 @@ class View:
         host, port: see `Page`.
         out: folder of what "save" saves.
         rate: frames per second at which recordings are played, in place of their own pace.
+        watch: see `Stream`.
 
     Raises:
-        AnyNetError: if viser is missing.
+        AnyNetError: if viser is missing, or the first weights cannot be used.
     """
 
     def __init__(
@@ -75,15 +77,16 @@ class View:
         port: int = 8080,
         out: Path = Path("anynet-view"),
         rate: float | None = None,
+        watch: bool = True,
     ) -> None:
         self._source = source
-        self._prepare = prepare or PairPreparation(check=False)
+        self._prepare = WatchedPreparation(prepare or PairPreparation(check=False), watch)
         self._device, self._precision, self._threads = device, precision, threads
         self._out = out
         self._rate = None if source.live else rate
         self._stopped = threading.Event()
-        self._key: tuple[str, float | None] | None = None
-        self._predictor: Predictor | None = None
+        self._key = weights[0], input_scale
+        self._predictor = self._loaded(*self._key)
         self._times: dict[tuple[object, ...], list[float]] = {}
         self._shown: deque[float] = deque(maxlen=_RECENT)
         self.page = Page(host, port, weights, input_scale)
@@ -129,17 +132,12 @@ class View:
 
     def _frames(self) -> Iterator[tuple[Frame, PreparedPair]]:
         """The source's frames prepared, again and again; of a single one, that one once."""
-        first = True
         while True:
             count = 0
             for frame in self._source.frames():
                 count += 1
-                pair = self._prepare(frame.left, frame.right)
-                if first:
-                    first = False
-                    self._prepare = self._prepare.following(pair)  # the others are not looked at as closely
-                    for warning in pair.warnings:
-                        print(printable(f"anynet: {frame.name}: warning: {warning}"), file=sys.stderr)
+                pair, findings = self._prepare(frame)
+                tell_warnings(findings, frame.name)
                 yield frame, pair
             if not count:
                 raise AnyNetError("the source has no frames")
@@ -173,15 +171,9 @@ class View:
     def _compute(self, pair: PreparedPair, settings: Settings) -> tuple[Estimate, list[float]]:
         """The best estimate in the budget, and what all stages took when they were last all computed."""
         key = settings.weights, settings.input_scale
-        if key != self._key or self._predictor is None:
+        if key != self._key:
             self.page.tell(f"loading `{settings.weights}`")
-            self._predictor = Predictor(
-                settings.weights,
-                device=self._device,
-                precision=self._precision,
-                threads=self._threads,
-                input_scale=settings.input_scale,
-            )
+            self._predictor = self._loaded(*key)
             self._key = key
         predictor = pair.predictor(self._predictor)
         asked: dict[str, Any] = {"confidence": True, "left_right": settings.left_right}
@@ -193,6 +185,11 @@ class View:
         times = self._times[kind]
         budget = None if settings.share >= 1.25 else settings.share * times[-1]
         return predictor.predict(pair.left, pair.right, budget, **asked), times
+
+    def _loaded(self, weights: str, input_scale: float | None) -> Predictor:
+        return Predictor(
+            weights, device=self._device, precision=self._precision, threads=self._threads, input_scale=input_scale
+        )
 
     def _status(self, frame: Frame, pair: PreparedPair, estimate: Estimate, times: list[float], points: int) -> str:
         height, width = pair.left.shape[:2]
@@ -216,4 +213,5 @@ class View:
         results.write_trust(estimate)
         if pair.calibration is not None:
             results.write_depth(kept, pair.calibration, pair.left)
+        results.tell_older()
         self.page.tell(f"saved to `{self._out}`: {', '.join(Path(file).name for file in results.files.values())}")

@@ -228,6 +228,6 @@ def test_results_that_would_replace_images(
     for command in (("predict",), ("stream", "--stage", 1)):
         result = run(*command, *folders, "--out", out, "--weights", weights)
         assert result.status == 2
-        told = f"{out / 'a_color.png'}: is one of the images to read; choose another folder for the results"
+        told = f"{out / 'a_color.png'}: is one of the files to read; choose another folder for the results"
         assert told in result.err
         assert {path: path.read_bytes() for path in images} == images

@@ -76,6 +76,13 @@ def test_mistakes(run: Run, weights: Path, tmp_path: Path, arguments: list[str],
     assert not (tmp_path / "out").exists()
 
 
+def test_no_image_to_read_is_overwritten(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
+    left = pair[0].rename(tmp_path / "stages.png")
+    result = run("demo", left, pair[1], "--out", tmp_path, "--weights", weights)
+    assert (result.status, result.out) == (2, "")
+    assert result.err == f"anynet: {left}: is one of the files to read; choose another folder for the results\n"
+
+
 def test_an_output_folder_that_cannot_be_made(run: Run, pair: tuple[Path, Path], tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     result = run("demo", *pair, "--out", tmp_path / "file", "--weights", "none")  # told before the weights are opened

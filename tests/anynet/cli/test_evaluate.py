@@ -9,6 +9,7 @@ from skimage.data import stereo_motorcycle
 
 from anynet import AnyNet, save_checkpoint
 from anynet.cli import main
+from anynet.evaluation import opencv
 from anynet.io import write_image
 
 SMALL = "render:1?height=64&width=128"
@@ -78,6 +79,25 @@ def test_every_split_wants_data(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", "--splits", *mixed]) == 2
     streams = capsys.readouterr()
     assert streams.err == "anynet: --splits: expected methods of as many stages, got 4, 1\n"
+
+
+@pytest.mark.parametrize("options", [[], ["--splits"]])
+def test_methods_run_once_before_they_are_measured(monkeypatch: pytest.MonkeyPatch, options: list[str]) -> None:
+    runs: list[tuple[int, ...]] = []
+    bm = opencv.bm
+    monkeypatch.setattr(opencv, "bm", lambda left, right: runs.append(left.shape) or bm(left, right))
+    assert main(["evaluate", "--method", "bm", "--data", SMALL, *options]) == 0
+    assert runs == [(64, 128, 3)] * 2
+
+
+def test_no_image_to_read_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("0.png", "right.png"):
+        write_image(tmp_path / name, np.zeros((48, 64, 3), np.uint8))
+    np.save(tmp_path / "truth.npy", np.ones((48, 64), np.float32))
+    (tmp_path / "pairs.csv").write_text("left,right,disparity\n0.png,right.png,truth.npy\n")
+    data = f"csv:{tmp_path / 'pairs.csv'}"
+    assert main(["evaluate", "--method", "bm", "--data", data, "--out", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith(f"anynet: {tmp_path / '0.png'}: is one of the files to read; ")
 
 
 @pytest.mark.parametrize("options", [[], ["--confidence"]])

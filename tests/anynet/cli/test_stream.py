@@ -91,6 +91,7 @@ def test_mistakes_are_told_at_once(run: Run, folders: tuple[Path, Path], weights
         (("--format", "npy", "--record", tmp_path / "a.mcap"), "--format belongs to --out"),
         (("--depth-format", "npy"), "--depth-format belongs to --out"),
         (("--depth-encoding", "16UC1", "--out", tmp_path / "out"), "--depth-encoding belongs to --record"),
+        (("--record", tmp_path / "a.bag", "--record", tmp_path / "." / "a.bag"), "expected files that differ, got "),
         (("--size", "64x48"), "--size belongs to live sources"),
     ):
         result = run("stream", *folders, "--weights", weights, "--every-frame", *options)

@@ -79,8 +79,8 @@ def test_sources(
 def test_a_wrong_scale_is_told_before_the_page_is_up(
     run: Run, monkeypatch: pytest.MonkeyPatch, pair: tuple[Path, Path], command: list[str], scale: str
 ) -> None:
-    view = pytest.importorskip("anynet.view", reason="the page needs viser (extra view)")
-    monkeypatch.setattr(view, "View", None)
+    view = pytest.importorskip("anynet.view.view", reason="the page needs viser (extra view)")
+    monkeypatch.setattr(view, "Page", None)
     result = run(*command, *pair, "--input-scale", scale)
     assert (result.status, result.out) == (2, "")
     assert result.err == f"anynet: AnyNetConfig: expected input_scale from 0.0625 to 4, got {float(scale)}\n"

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -34,9 +36,17 @@ def test_a_killed_worker_is_told(tmp_path: Path) -> None:
     assert [next(steps), next(steps)] == [0, 1]
     (worker,) = (p for p in psutil.Process().children() if "spawn_main" in " ".join(p.cmdline()))
     worker.kill()
-    with pytest.raises(AnyNetError, match="a worker was killed, perhaps for lack of memory: go on with fewer"):
+    with pytest.raises(AnyNetError, match=r"a worker failed or was killed, perhaps for lack of memory: .* with fewer"):
         list(steps)
     assert len(list(write_rendered(tmp_path, 2, height=96, width=128))) < 3
+
+
+def test_a_worker_that_failed_itself_is_told(tmp_path: Path) -> None:
+    """As where the program comes from a pipe: a spawned process cannot read it again."""
+    program = f"from anynet.cli import main; main(['render', '--count=5', '--workers=2', '--out={tmp_path}'])"
+    done = subprocess.run([sys.executable, "-"], input=program, capture_output=True, text=True)
+    assert done.stderr.splitlines()[-1].startswith(f"anynet: {tmp_path}: a worker failed or was killed, ")
+    assert "FileNotFoundError" in done.stderr
 
 
 def test_folder_of_another_size_is_refused(tmp_path: Path, rendering_here: None) -> None:

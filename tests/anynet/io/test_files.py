@@ -21,6 +21,7 @@ from anynet.io.files import (
     read_bytes,
     read_text,
     remove_unfinished,
+    replacing,
 )
 
 
@@ -167,11 +168,17 @@ def test_what_killed_writers_left_is_removed(tmp_path: Path, monkeypatch: pytest
     if not child:
         write_atomically(tmp_path / "file", b"half")
     os.waitpid(child, 0)
-    (left,) = tmp_path.iterdir()
-    assert left.suffix == ".part"
+    child = os.fork()
+    if not child:
+        with replacing(tmp_path / "file") as path:
+            path.write_bytes(b"half")
+            os._exit(9)
+    os.waitpid(child, 0)
+    assert [path.suffix for path in tmp_path.iterdir()] == [".part"] * 2
     (tmp_path / "part").touch()
+    (tmp_path / ".mine.part").mkdir()
     remove_unfinished(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["part"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".mine.part", "part"]
 
 
 def test_a_name_as_long_as_names_may_be(tmp_path: Path) -> None:

@@ -153,8 +153,9 @@ def test_topics_that_cannot_be_told(tmp_path: Path) -> None:
     assert len(read(tmp_path / "a.mcap", topics=named)) == 1
     with pytest.raises(AnyNetError, match="no images on /none; there are some on /front/left/image"):
         Recording(tmp_path / "a.mcap", ("/none", "/rear/left/image"))
-    with pytest.raises(AnyNetError, match="expected 1 topics, got 2"):
-        Recording(tmp_path / "a.mcap", named, split=True)
+    for two in (named, named[:1] * 2):
+        with pytest.raises(AnyNetError, match="expected one topic, with both images side by side, got /rear/left/"):
+            Recording(tmp_path / "a.mcap", two, split=True)
     with BagWriter(tmp_path / "b.mcap") as bag:
         bag.camera_info("/left/camera_info", (1, 1), np.eye(3), [], np.eye(3), np.eye(3, 4))
     with pytest.raises(AnyNetError, match="no topic with images"):
@@ -214,7 +215,7 @@ def test_images_that_wait_in_vain_are_counted(tmp_path: Path, monkeypatch: pytes
 
 
 def test_a_recording_of_one_topic_twice(tmp_path: Path) -> None:
-    with pytest.raises(AnyNetError, match="expected 2 topics, got 1: /cam/left/image_rect, /cam/left/image_rect"):
+    with pytest.raises(AnyNetError, match="expected two different topics, left and right, got /cam/left/image_rect, "):
         Recording(write(tmp_path / "a.mcap"), ["/cam/left/image_rect"] * 2)
 
 

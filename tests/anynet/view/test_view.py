@@ -15,10 +15,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from skimage.data import stereo_motorcycle
 
 from anynet import AnyNetError
 from anynet.camera import Calibration, PairPreparation
-from anynet.streams import Capture
+from anynet.checkpoint import load_checkpoint
+from anynet.streams import Capture, Frame
 from anynet.synthetic import render
 
 pytest.importorskip("viser", reason="the page needs viser (extra view)")
@@ -149,6 +151,40 @@ def test_videos_begin_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         view.page.close()
     assert names == ["000000", "000001", "000002"] * 2 + ["000000"]
     assert capsys.readouterr().err.count("principal point") == 1
+
+
+def test_what_the_first_frame_did_not_have_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """As by streams: disparities below those that are looked for."""
+    left, right, _ = stereo_motorcycle()
+    pairs = (left[:, :-45], right[:, :-45]), (left[:, 45:], right[:, :-45])  # disparities 45 pixels smaller
+    frames = [Frame(name, *pair, 0, 0.0) for name, pair in zip("ab", pairs, strict=True)]
+
+    class Two(StillPair):
+        def frames(self) -> Iterator[Frame]:
+            return iter(frames)
+
+    source = Two("", left, right)
+    for watch, told in ((True, 1), (False, 0)):
+        view = View(source, prepare=PairPreparation(Calibration(1000, 0.2, doffs=90)), port=18098, watch=watch)
+        try:
+            assert [frame.name for frame, _ in islice(view._frames(), 4)] == ["a", "b", "a", "b"]
+        finally:
+            view.page.close()
+        assert capsys.readouterr().err.count("anynet: b: warning: matched corners have disparities down to -") == told
+
+
+def test_weights_are_loaded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And mistakes in them are told before the page is up."""
+    loads: list[object] = []
+    monkeypatch.setattr("anynet.predictor.load_checkpoint", lambda *a: loads.append(a) or load_checkpoint(*a))
+    source = StillPair("scene", *np.zeros((2, 64, 64, 3), np.uint8))
+    other = View(source, prepare=PairPreparation(check=False), port=18099)
+    other._show(*next(other._frames()))
+    other.page.close()
+    assert loads == [("default", None)]
+    monkeypatch.setattr("anynet.view.view.Page", None)
+    with pytest.raises(AnyNetError, match="expected a file of weights"):
+        View(source, weights=["none"])
 
 
 def test_a_source_without_frames() -> None:
