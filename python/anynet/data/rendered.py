@@ -121,8 +121,8 @@ def write_rendered(
     yield done
     # Not forked: OpenCV's threads do not survive it.
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        tasks = [pool.submit(_render_to, path, number, height, width) for path, number in missing.items()]
         try:
+            tasks = [pool.submit(_render_to, path, number, height, width) for path, number in missing.items()]
             for task in as_completed(tasks):
                 task.result()
                 done += 1

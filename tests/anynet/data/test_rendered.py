@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import os
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +39,15 @@ def test_a_killed_worker_is_told(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match="a worker was killed, perhaps for lack of memory: go on with fewer"):
         list(steps)
     assert len(list(write_rendered(tmp_path, 2, height=96, width=128))) < 3
+
+
+def test_a_worker_killed_before_all_is_handed_out_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise BrokenProcessPool
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", broken)
+    with pytest.raises(AnyNetError, match="a worker was killed"):
+        list(write_rendered(tmp_path, 2, height=96, width=128))
 
 
 def test_folder_of_another_size_is_refused(tmp_path: Path) -> None:
