@@ -19,6 +19,12 @@ from anynet.training.distributed import Processes
 from anynet.training.recipe import Recipe
 
 MOST_WORKERS = 16  # unless asked for more: each keeps some batches ready
+# Of the death of a worker, by its signal's name; None: not known.
+_CAUSES = {
+    None: ", perhaps for lack of memory",
+    "Killed": ", perhaps for lack of memory",
+    "Bus error": ", perhaps for lack of shared memory (/dev/shm; docker run --shm-size)",
+}
 FAR = 0.5  # pixels of disparity: `Recipe.far_weight` is for less
 
 Item = tuple[Tensor, Tensor, Tensor, Tensor]
@@ -103,10 +109,15 @@ def telling_killed_workers() -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        if not re.match(r"DataLoader worker \(pid.*(killed by signal|exited unexpectedly)", str(error)):
+        end = re.match(
+            r"DataLoader worker \(pid.*(?:killed by signal: (?P<signal>[^.]*)|exited unexpectedly)", str(error)
+        )
+        if end is None:
             raise
+        name = end["signal"]
+        cause = _CAUSES.get(name, "")
         raise AnyNetError(
-            "a worker was killed, perhaps for lack of memory: go on with --resume and fewer --workers"
+            f"a worker was killed{f' ({name})' if name else ''}{cause}: go on with --resume and fewer --workers"
         ) from None
 
 
