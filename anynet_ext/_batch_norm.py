@@ -33,10 +33,16 @@ def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float =
 
     Source: Ioffe and Szegedy 2015 (arXiv 1502.03167), algorithm 1.
     """
-    if not isinstance(input, Tensor) or input.dim() < 2 or input.shape[1] == 0:
+    _check(input, weight, bias, eps)
+    out: tuple[Tensor, Tensor, Tensor] = torch.ops.anynet.batch_norm_relu(input, weight, bias, eps)
+    return out
+
+
+def _check(input: Tensor, weight: Tensor, bias: Tensor, eps: float) -> None:
+    if not isinstance(input, Tensor) or input.dim() < 2 or _checks.surely(input.shape[1] == 0):
         came = list(input.shape) if isinstance(input, Tensor) else type(input).__name__
         raise ValueError(f"batch_norm_relu: expected input of shape [N, C, ...], got {came}")
-    if input.numel() // input.shape[1] < 2:
+    if _checks.surely(input.numel() // input.shape[1] < 2):
         raise ValueError(f"batch_norm_relu: expected more than one value per channel, got {list(input.shape)}")
     if not eps > 0:
         raise ValueError(f"batch_norm_relu: expected eps above 0, got {eps}")
@@ -44,11 +50,10 @@ def batch_norm_relu(input: Tensor, weight: Tensor, bias: Tensor, *, eps: float =
         raise TypeError(f"batch_norm_relu: expected tensors of dtype float32 or float64, got {input.dtype}")
     for name, vector in (("weight", weight), ("bias", bias)):
         _checks.matches("batch_norm_relu", name, vector, input.shape[1:2], input)
-    out: tuple[Tensor, Tensor, Tensor] = torch.ops.anynet.batch_norm_relu(input, weight, bias, eps)
-    return out
 
 
 def _fake(input: Tensor, weight: Tensor, bias: Tensor, eps: float = 1e-5) -> tuple[Tensor, Tensor, Tensor]:
+    _check(input, weight, bias, eps)
     return input.new_empty(input.shape), weight.new_empty(weight.shape), weight.new_empty(weight.shape)
 
 

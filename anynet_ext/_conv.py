@@ -126,13 +126,15 @@ def _check(
     kernel = ", 3" * dimensions
     _checks.tensor(op, "input", input, layout)
     _checks.tensor(op, "weight", weight, f"O, C{kernel}")
+    surely = _checks.surely
     in_channels, out_channels = input.shape[1], weight.shape[0]
-    if not 1 <= in_channels <= CHANNELS or 0 in input.shape[2:]:
+    if surely(in_channels > CHANNELS) or any(surely(size == 0) for size in input.shape[1:]):
         raise ValueError(
             f"{op}: expected input of shape [{layout}] with C in 1..{CHANNELS} and at least one pixel, "
             f"got {list(input.shape)}"
         )
-    if tuple(weight.shape[1:]) != (in_channels, *[3] * dimensions) or not 1 <= out_channels <= CHANNELS:
+    sizes = zip(weight.shape[1:], (in_channels, *[3] * dimensions), strict=True)
+    if surely(out_channels == 0) or surely(out_channels > CHANNELS) or any(surely(a != b) for a, b in sizes):
         raise ValueError(
             f"{op}: expected weight of shape [O, {in_channels}{kernel}] with O in 1..{CHANNELS}, "
             f"got {list(weight.shape)}"
@@ -144,7 +146,7 @@ def _check(
     ):
         if vector is not None:
             _checks.tensor(op, name, vector, "C")
-            if vector.shape[0] != channels:
+            if surely(vector.shape[0] != channels):
                 raise ValueError(f"{op}: expected {name} of shape [{channels}], got {list(vector.shape)}")
     if (scale is None) != (shift is None):
         raise ValueError(f"{op}: expected both or neither of scale and shift")
@@ -177,6 +179,7 @@ def _register(name: str, dimensions: int) -> None:
         relu_in: bool = False,
         relu_out: bool = False,
     ) -> Tensor:
+        _check(name, dimensions, input, weight, bias, stride, scale, shift)
         sizes = [(size - 1) // stride + 1 for size in input.shape[2:]]
         return input.new_empty(input.shape[0], weight.shape[0], *sizes)
 

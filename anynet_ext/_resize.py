@@ -54,9 +54,9 @@ def _check(input: Tensor, height: int, width: int, add: Tensor | None) -> None:
     for value in (height, width):
         _checks.integer("resize", "size", value)
     n, c, h, w = input.shape
-    if h == 0 or w == 0:
+    if _checks.surely(h == 0) or _checks.surely(w == 0):
         raise ValueError(f"resize: expected input of shape [N, C, H, W] with H, W >= 1, got {list(input.shape)}")
-    if height < 1 or width < 1:
+    if _checks.surely(height < 1) or _checks.surely(width < 1):
         raise ValueError(f"resize: expected size of at least 1 x 1, got {height} x {width}")
     if add is not None:
         _checks.matches("resize", "add", add, (n, c, height, width), input)
@@ -65,6 +65,7 @@ def _check(input: Tensor, height: int, width: int, add: Tensor | None) -> None:
 def _fake(
     input: Tensor, height: int, width: int, scale: float = 1.0, add: Tensor | None = None, align_corners: bool = False
 ) -> Tensor:
+    _check(input, height, width, add)
     return input.new_empty(input.shape[0], input.shape[1], height, width)
 
 

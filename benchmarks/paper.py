@@ -47,8 +47,9 @@ from anynet.io.files import write_atomically
 from anynet.model import presets
 from anynet.predictor import Estimate
 from anynet.samples import Concatenation, Dataset
-from anynet.training.loop import LOG, WEIGHTS, train
+from anynet.training.loop import train
 from anynet.training.recipe import Recipe
+from anynet.training.run_folder import LOG, WEIGHTS
 
 SPLITS = 5
 SCALES = (1, 1 / 4, 1 / 8, 1 / 16)
@@ -370,7 +371,8 @@ def times_of(
 def random_weights(work: Work, point: Point) -> Method:
     """For times, which do not depend on the weights."""
     if point.baseline is not None:
-        config = BaselineConfig(model=point.baseline, input_scale=point.recipe.input_scale or 1)
+        scale = point.recipe.input_scale
+        config = BaselineConfig(model=point.baseline, input_scale=1 if scale is None else scale)
         return BaselinePredictor(BaselineModel(config), threads=work.threads).stages
     path = work.runs / point.name / "random.safetensors"
     path.parent.mkdir(parents=True, exist_ok=True)

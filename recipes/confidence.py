@@ -25,6 +25,7 @@ from anynet.data import Dataset, open_dataset
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import region_mask
 from anynet.evaluation.metrics import within_d1
+from anynet.evaluation.truth import check_counted
 from anynet.model.confidence import PIXEL, ConfidenceModel, gather_evidence, products, surroundings, view_difference
 from anynet.model.deploy import DeployedAnyNet, sum_at
 
@@ -93,13 +94,15 @@ def main() -> None:
     parser.add_argument("--real", required=True, help="photographs with ground truth, as `anynet evaluate --data`")
     parser.add_argument("--per-pair", type=int, default=3000)
     options = parser.parse_args()
+    if options.per_pair < 1:
+        raise AnyNetError(f"--per-pair: expected at least 1 pixel, got {options.per_pair}")
     network = DeployedAnyNet(load_checkpoint(options.weights))
     if network.config.zoom != 1:
         raise AnyNetError(f"{options.weights}: expected an input_scale of 1 or 2, got {network.config.input_scale:g}")
-    pixels = [
-        collect(network, samples, options.per_pair)
-        for samples in (open_dataset(f"rendered:{options.rendered}"), open_dataset(options.real))
-    ]
+    data = {name: open_dataset(name) for name in (f"rendered:{options.rendered}", options.real)}
+    for name, samples in data.items():
+        check_counted(name, samples)  # before the work
+    pixels = [collect(network, samples, options.per_pair) for samples in data.values()]
     models = [[fit(*stage, checked) for stage in zip(*pixels, strict=True)] for checked in (False, True)]
     path = find_weights(options.weights).with_suffix(".confidence.json")
     ConfidenceModel(*models).write(path)

@@ -58,7 +58,10 @@ def save_checkpoint(
 
 
 def _stored(tensor: Tensor) -> Tensor:
-    return (tensor.cpu().float() if tensor.is_floating_point() else tensor.cpu()).contiguous()
+    """In memory of its own, which tied weights have not. What `check_tensors` refuses stays what it is."""
+    if tensor.is_meta or not _is_dense(stored := tensor.cpu()):
+        return tensor
+    return (stored.float() if stored.is_floating_point() else stored).clone(memory_format=torch.contiguous_format)
 
 
 @computing()
@@ -115,8 +118,8 @@ def find_weights(weights: str | os.PathLike[str]) -> Path:
         return packaged[str(weights)]
     try:
         path = Path(weights)
-        found = path.is_file()
-    except (OSError, TypeError, ValueError):  # a name that is too long, or no name at all
+        found = os.path.isfile(path)  # unlike Path's, it takes names that are too long for the system
+    except TypeError:  # no name at all
         found = False
     if not found:
         names = ", ".join(packaged) or "none"

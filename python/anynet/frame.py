@@ -104,7 +104,8 @@ class Frame:
         if not self._as_arrays:
             small = resized(image.permute(2, 0, 1)[None].float(), self._zoom).clamp_(0, 255)
             # As OpenCV: halves go up where it halves images, and to the even number elsewhere.
-            small = small.add_(0.5).floor_() if self._zoom == 0.5 else small.round_()
+            halved = small.shape[2] * 2 == self._size[0] and small.shape[3] * 2 == self._size[1]
+            small = small.add_(0.5).floor_() if halved else small.round_()
             return small[0].permute(1, 2, 0).to(torch.uint8).contiguous()
         height, width = self._size
         size = max(1, round(self._zoom * width)), max(1, round(self._zoom * height))

@@ -1,4 +1,4 @@
-"""Names of results: one per file, all different."""
+"""Names of results: one per file, all different; and names in a message."""
 
 from __future__ import annotations
 
@@ -26,6 +26,12 @@ def distinct_names(paths: Sequence[Path]) -> list[str]:
     if numbered(names) == names:
         return names
     return numbered(["_".join(path.parts[above:]).replace(".", "_") for path in whole])
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """The first `most` of the names, and how many more there are, if there are."""
+    more = f" (and {len(names) - most} more)" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def numbered(names: Iterable[str]) -> list[str]:

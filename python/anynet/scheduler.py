@@ -39,12 +39,12 @@ def last_stage_of(caller: str, stage: Any, stages: int | None, name: str = "stag
     return int(stage)
 
 
-def check_flags(caller: str, **flags: Any) -> None:
+def check_flags(caller: str, *, confidence: Any, left_right: Any, **others: Any) -> None:
     """Raises AnyNetError unless all are True or False, and `left_right` goes with `confidence`."""
-    for name, value in flags.items():
+    for name, value in {"confidence": confidence, "left_right": left_right, **others}.items():
         if not isinstance(value, bool):
             raise AnyNetError(f"{caller}: expected {name} as True or False, got {value!r}")
-    if flags["left_right"] and not flags["confidence"]:
+    if left_right and not confidence:
         raise AnyNetError(f"{caller}: expected left_right together with confidence")
 
 

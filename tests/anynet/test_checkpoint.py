@@ -19,12 +19,14 @@ import torch
 from networks import wild
 from safetensors.torch import save_file
 from skimage.data import stereo_motorcycle
+from torch import Tensor, nn
 
 from anynet import AnyNet, AnyNetConfig, Predictor, checkpoint, load_checkpoint, save_checkpoint
 from anynet.checkpoint import PACKAGED, load_metadata, load_partial
 from anynet.errors import AnyNetError
 from anynet.evaluation.metrics import scores
 from anynet.model.config import MEAN, STD, FirstStageConfig, RefinementConfig, ResidualStagesConfig
+from anynet.model.layers import Convolution
 
 SHARED = Path(__file__).parents[2] / ".." / "shared"
 needs_shared = pytest.mark.skipif(not SHARED.exists(), reason="the authors' weights and KITTI are not in ../shared")
@@ -341,3 +343,24 @@ def test_official_weights_reproduce_the_authors_errors(weights: str, published: 
     names = sorted(p.name for p in (SHARED / "data/kitti2015/training/image_2").glob("*.png"))
     assert len(names) == 35
     np.testing.assert_allclose(d1_per_pair(weights, names).mean(0), published, atol=0.05)
+
+
+def test_tied_weights_are_stored_apart(tmp_path: Path) -> None:
+    model = AnyNet()
+    first, second = (stage.network[-1].conv for stage in model.residual_stages)
+    second.weight = first.weight
+    save_checkpoint(tmp_path / "tied.safetensors", model)
+    assert len(torch.unique(first.weight)) > 1
+    loaded = load_checkpoint(tmp_path / "tied.safetensors").state_dict()
+    assert all(torch.equal(loaded[name], tensor) for name, tensor in model.state_dict().items())
+
+
+@pytest.mark.parametrize("change", [lambda t: t.to("meta"), Tensor.to_sparse], ids=["meta", "sparse"])
+def test_weights_without_values_in_memory_are_not_saved(tmp_path: Path, change: Callable[[Tensor], Tensor]) -> None:
+    model = AnyNet()
+    for module in model.modules():
+        if isinstance(module, Convolution):
+            module.weight = nn.Parameter(change(module.weight.detach()))
+    with pytest.raises(AnyNetError, match=r"weight is no dense tensor on the CPU$"):
+        save_checkpoint(tmp_path / "none.safetensors", model)
+    assert not list(tmp_path.iterdir())

@@ -2,7 +2,20 @@ from __future__ import annotations
 
 import threading
 
-from anynet.scheduler import SIZES, Latency, LatencyTable
+import pytest
+
+from anynet.errors import AnyNetError
+from anynet.scheduler import SIZES, Latency, LatencyTable, check_flags
+
+
+def test_flags() -> None:
+    check_flags("f", confidence=False, left_right=False, other=True)
+    with pytest.raises(AnyNetError, match="f: expected other as True or False, got 1"):
+        check_flags("f", confidence=True, left_right=True, other=1)
+    with pytest.raises(AnyNetError, match="f: expected left_right together with confidence"):
+        check_flags("f", confidence=False, left_right=True)
+    with pytest.raises(TypeError, match="left_right"):
+        check_flags("f", confidence=True)  # type: ignore[call-arg]
 
 
 def test_a_latency_is_the_second_slowest_of_the_recent_ones() -> None:

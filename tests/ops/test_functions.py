@@ -74,6 +74,38 @@ def test_meta_tensors_have_the_results_shapes(name: str) -> None:
     assert [(t.device.type, t.shape) for t in found] == [("meta", t.shape) for t in _all(CALLS[name](X))]
 
 
+OPS = torch.ops.anynet
+WEIGHT, VECTOR = torch.ones(3, 2, 3, 3), torch.ones(2)
+WRONG: dict[str, tuple[Callable[..., Any], list[Any], str]] = {
+    "conv3x3, weight": (OPS.conv3x3, [X, WEIGHT[:, :1]], "conv3x3: expected weight of shape"),
+    "conv3x3, dtype": (OPS.conv3x3, [X.double(), WEIGHT], "conv3x3: expected tensors of one dtype"),
+    "conv3x3, int32": (OPS.conv3x3, [X.int(), WEIGHT.int()], "conv3x3: expected input of dtype"),
+    "conv3x3, no pixel": (OPS.conv3x3, [X[..., :0], WEIGHT], "conv3x3: expected input of shape"),
+    "conv3x3, bias": (OPS.conv3x3, [X, WEIGHT, VECTOR], "conv3x3: expected bias of shape"),
+    "conv3x3, stride": (OPS.conv3x3, [X, WEIGHT, None, None, None, 5], "conv3x3: expected stride 1 or 2, got 5"),
+    "conv3x3x3": (OPS.conv3x3x3, [X, WEIGHT], "conv3x3x3: expected input of shape"),
+    "resize, int32": (OPS.resize, [X.int(), 8, 9], "resize: expected input of dtype"),
+    "resize, no pixel": (OPS.resize, [X[..., :0], 8, 9], "resize: expected input of shape"),
+    "resize, size": (OPS.resize, [X, 0, 9], "resize: expected size of at least 1 x 1, got 0 x 9"),
+    "resize, add": (OPS.resize, [X, 8, 9, 1.0, X], "resize: expected add of shape"),
+    "batch_norm_relu": (OPS.batch_norm_relu, [X, VECTOR, VECTOR[:1]], "batch_norm_relu: expected bias of shape"),
+    "batch_norm_relu, int32": (
+        OPS.batch_norm_relu, [X.int(), VECTOR, VECTOR], "batch_norm_relu: expected tensors of dtype"
+    ),
+    "batch_norm_relu, one": (
+        OPS.batch_norm_relu, [X[..., 0, 0], VECTOR, VECTOR], "batch_norm_relu: expected more than one value"
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("op", "arguments", "message"), WRONG.values(), ids=WRONG.keys())
+def test_wrong_meta_tensors_are_refused(op: Callable[..., Any], arguments: list[Any], message: str) -> None:
+    """By the operator itself, where nothing else would."""
+    meta = [a.to("meta") if isinstance(a, Tensor) else a for a in arguments]
+    with pytest.raises((TypeError, ValueError), match=f"^{message}"):
+        op(*meta)
+
+
 @pytest.mark.parametrize("name", ["batch_norm_relu", "conv3x3", "cost_volume", "resize", "soft_argmin", "warp"])
 def test_autocast_gives_float32(name: str) -> None:
     with torch.autocast("cpu"):

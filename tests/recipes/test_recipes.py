@@ -8,11 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from anynet import load_checkpoint, save_checkpoint
 from anynet.checkpoint import load_metadata
+from anynet.data.rendered import write_rendered
+from anynet.io import write_image
 from anynet.model import presets
 
 RECIPES = Path(__file__).parents[2] / "recipes"
@@ -51,6 +54,14 @@ def test_average(tmp_path: Path) -> None:
             ["confidence.py", "--weights", "half.safetensors", "--rendered", "none", "--real", "render:1"],
             "half.safetensors: expected an input_scale of 1 or 2, got 0.5",
         ),
+        (
+            ["confidence.py", "--rendered", "none", "--real", "render:1", "--per-pair", "0"],
+            "--per-pair: expected at least 1 pixel, got 0",
+        ),
+        (
+            ["confidence.py", "--weights", "own.safetensors", "--rendered", "rendered", "--real", "csv:pairs.csv"],
+            "csv:pairs.csv: expected pairs with known disparities that count, got none; left: no known disparity",
+        ),
     ],
 )
 def test_mistakes_are_told_in_one_line(
@@ -62,6 +73,12 @@ def test_mistakes_are_told_in_one_line(
 ) -> None:
     if "half.safetensors" in command:
         save_checkpoint(tmp_path / "half.safetensors", load_checkpoint("paper", 0.5))
+    if "own.safetensors" in command:
+        save_checkpoint(tmp_path / "own.safetensors", load_checkpoint("paper"))
+        list(write_rendered(tmp_path / "rendered", 1, height=96, width=128))
+        for side in ("left", "right"):
+            write_image(tmp_path / f"{side}.png", np.zeros((96, 128, 3), np.uint8))
+        (tmp_path / "pairs.csv").write_text("left,right\nleft.png,right.png\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", command)
     with pytest.raises(SystemExit) as end:
@@ -70,6 +87,7 @@ def test_mistakes_are_told_in_one_line(
     (line,) = end.value.code.splitlines()
     assert line.startswith(message)
     assert capsys.readouterr().err == ""
+    assert not list(tmp_path.glob("*.confidence.json"))
 
 
 @pytest.mark.slow

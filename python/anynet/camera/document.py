@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import os
 import re
 from contextlib import suppress
 from dataclasses import dataclass
@@ -47,7 +48,7 @@ def open_document(path: str | Path) -> Document:
         AnyNetError: if it cannot be read, is damaged, or is no text of those kinds.
     """
     path = Path(path)
-    if path.is_file() and path.stat().st_size > _LARGEST:
+    if os.path.isfile(path) and path.stat().st_size > _LARGEST:
         raise AnyNetError(f"{path}: expected a calibration below {_LARGEST >> 20} MB, got {path.stat().st_size} bytes")
     text = decode(read_bytes(path))
     try:

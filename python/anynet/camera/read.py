@@ -56,7 +56,8 @@ def read_calibration(
         raise AnyNetError("expected a calibration file, got none")
     image = None if image is None else Path(image)
     request = Request(None if unit is None else meters_per(unit), size, image, pair)
-    documents = _in_folder(given[0]) if len(given) == 1 and given[0].is_dir() else [open_document(p) for p in given]
+    folder = len(given) == 1 and os.path.isdir(given[0])
+    documents = _in_folder(given[0]) if folder else [open_document(path) for path in given]
     where = ", ".join(str(document.path) for document in documents)
     try:
         with telling_damage(where, "damaged calibration"):

@@ -140,7 +140,8 @@ def evaluate(
         opened = open_method(name, device=device, precision=precision, threads=threads, input_scale=input_scale)
         methods.append((name, opened))
     for name in model or []:
-        random = BaselineModel(BaselineConfig(model=name, input_scale=input_scale or 1))
+        scale = 1 if input_scale is None else input_scale
+        random = BaselineModel(BaselineConfig(model=name, input_scale=scale))
         methods.append((f"{name}, random weights", BaselinePredictor(random, device=device, threads=threads).stages))
     for choice in method or []:
         methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))

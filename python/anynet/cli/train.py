@@ -37,13 +37,14 @@ def _command(name: str, default: str, summary: str) -> Callable[..., None]:
     """A command with one option for each field of `Recipe`; those not given are the preset's."""
 
     def command(out: Path, start: str | None, resume: bool, **given: Any) -> None:
-        from anynet.training.loop import RECIPE, train
+        from anynet.training.loop import train
+        from anynet.training.run_folder import RECIPE
 
         options = {option: value for option, value in given.items() if value is not None and value != []}
         if "network" in options:
             options["network"] = _network(options["network"])
         options = {option: tuple(v) if isinstance(v, list) else v for option, v in options.items()}
-        if resume and (out / RECIPE).exists():
+        if resume and os.path.exists(out / RECIPE):
             stored = Recipe.load(out / RECIPE)
             if start is not None:  # the command that began the run, once more
                 stored.check_resumed(preset(start, **options))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -57,11 +58,11 @@ def table(path: str | Path, scale: str | float | None = None, unit: str | None =
     default; a sample may also have no truth at all. `unit` is that of the calibrations' lengths: m, cm, mm, ...
     """
     source = Path(path)
-    if source.is_dir():
+    if os.path.isdir(source):
         raise AnyNetError(
             f"{path}: expected a CSV file, got a folder: one with left/, right/ and disparity/ is folders:{path}"
         )
-    if not source.is_file():
+    if not os.path.isfile(source):
         raise AnyNetError(f"{path}: expected a CSV file with columns {', '.join(COLUMNS)}; there is no such file")
     factor = _factor(scale)
     if unit is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -125,11 +126,11 @@ def consistent(disparity: Disparity, other: Disparity, tolerance: float = 1.0) -
 
 
 def folder(root: str | Path, what: str) -> Path:
-    """The root as a path. Raises AnyNetError if it is no folder; `what` is what should be there."""
+    """The root as an absolute path, which has a name. Raises AnyNetError if it is no folder; `what` should be there."""
     path = Path(root)
-    if not path.is_dir():
+    if not os.path.isdir(path):
         raise AnyNetError(f"{root}: expected a folder with {what}; there is no such folder")
-    return path
+    return path.resolve() if ".." in path.parts else path.absolute()  # links stay what they are, unless .. follows
 
 
 def nothing(root: Path, what: str) -> AnyNetError:
@@ -141,11 +142,13 @@ def nothing(root: Path, what: str) -> AnyNetError:
 
 def files_in(place: Path, pattern: str) -> list[Path]:
     """Files that match, sorted, without hidden ones, such as macOS puts beside others (._NAME), and without pipes."""
-    return sorted(path for path in place.glob(pattern) if path.name[0] != "." and path.is_file())
+    if not os.path.isdir(place):  # unlike Path's, it takes names that are too long for the system
+        return []
+    return sorted(path for path in place.glob(pattern) if path.name[0] != "." and os.path.isfile(path))
 
 
 def first_existing(paths: Iterable[Path]) -> Path | None:
-    return next((path for path in paths if path.exists()), None)
+    return next((path for path in paths if os.path.exists(path)), None)
 
 
 def names_in(split: str | Path, root: Path) -> list[str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from anynet.data.files import Files, PairFiles, files_in, folder, names_in, nothing
 from anynet.errors import AnyNetError
+from anynet.names import listed
 
 
 def kitti2015(root: str | Path, truth: str = "noc", split: str | None = None, without: str | None = None) -> PairFiles:
@@ -64,9 +65,7 @@ def _kitti(
     def named(file: str) -> list[str]:
         stems = [_stem(name) for name in names_in(file, path)]
         if missing := [stem for stem in stems if stem not in files]:
-            raise AnyNetError(
-                f"{root}: {file} names {missing[0]} and {len(missing) - 1} more that are not there with {wanted}"
-            )
+            raise AnyNetError(f"{root}: {file} names {listed(missing, 1)}, not there with {wanted}")
         return stems
 
     chosen = sorted(files) if split is None else named(split)

@@ -79,13 +79,12 @@ def middlebury2006(root: str | Path) -> PairFiles:
 def _modern(path: Path) -> Files | None:
     """im0.png, im1.png, disp0GT.pfm or disp0.pfm, with mask0nocc.png or the right view's truth where present."""
     image, second = path / "im0.png", path / "im1.png"
-    whole = Path(os.path.abspath(path))  # a relative path has not all parents; links stay what they are
-    beside = whole.parents[1] / "two_view_training_gt" / whole.name if len(whole.parents) > 1 else path
+    beside = path.parents[1] / "two_view_training_gt" / path.name if len(path.parents) > 1 else path
     truth = first_existing(place / file for place in (path, beside) for file in ("disp0GT.pfm", "disp0.pfm"))
     if truth is None or not image.exists():
         return None
     return Files(
-        name=whole.name,
+        name=path.name,
         left=image,
         right=second,
         disparity=truth,
@@ -102,7 +101,6 @@ def middlebury2014(root: str | Path) -> PairFiles:
 
 def eth3d(root: str | Path) -> PairFiles:
     """Two-view training set: two_view_training/SCENE, with truth beside it in two_view_training_gt or in the scene."""
-    path = Path(root)
-    inner = path / "two_view_training"
-    where = inner if inner.is_dir() else path
+    inner = Path(root) / "two_view_training"
+    where = inner if os.path.isdir(inner) else root
     return _scenes("eth3d", where, "scenes with im0.png, im1.png and disp0GT.pfm or disp0.pfm", _modern)

@@ -14,6 +14,7 @@ from anynet.errors import AnyNetError
 from anynet.evaluation.metrics import Disparity, Mask, Scores, mean, pooled, scores
 from anynet.evaluation.prepared import prepared
 from anynet.evaluation.truth import check_truth, counted, with_truth
+from anynet.names import listed
 from anynet.predictor import Estimate
 from anynet.samples import StereoSample
 
@@ -134,8 +135,7 @@ def compare(
                     result = scores(whole, sample.disparity, mask), estimate.elapsed_ms, given
                     by_stage[name, region].setdefault(estimate.stage, []).append(result)
     if doubts:
-        others = f" (and {len(doubts) - 1} more)" if len(doubts) > 1 else ""
-        warnings.warn(f"{doubts[0][0]}{others}: {doubts[0][1]}", stacklevel=2)
+        warnings.warn(f"{listed([name for name, _ in doubts], 1)}: {doubts[0][1]}", stacklevel=2)
     return {
         key: Evaluation(
             tuple(names), tuple(_stage(number, results) for number, results in sorted(stages.items())), least

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from anynet.camera import Calibration, PairPreparation
 from anynet.camera.shift import moved_apart, moved_back
+from anynet.names import listed
 from anynet.samples import StereoSample
 
 if TYPE_CHECKING:
@@ -54,18 +54,15 @@ def prepared(samples: Iterable[StereoSample], prepare: PairPreparation | None) -
     if prepare is None:
         yield from map(PreparedSample, samples)
         return
-    first: dict[str, tuple[str, str]] = {}
-    counts: Counter[str] = Counter()
+    found: dict[str, tuple[str, list[str]]] = {}  # by kind, the first text and all samples' names
     for sample in samples:
         pair = prepare(sample.left, sample.right)
         raw = ["the truth is taken to be that of the rectified left view"] if pair.valid is not None else []
         for text in (*pair.warnings, *pair.notes, *raw):
             kind = re.sub(r"-?\d[\d.]*", "#", text)
-            counts[kind] += 1
-            first.setdefault(kind, (sample.name, text))
+            found.setdefault(kind, (text, []))[1].append(sample.name)
         valid = sample.valid if pair.valid is None else sample.valid & pair.valid
         changed = replace(sample, left=pair.left, right=pair.right, valid=valid)
         yield PreparedSample(changed, pair.min_disparity, pair.calibration)
-    for kind, (name, text) in first.items():
-        others = f" (and {counts[kind] - 1} more)" if counts[kind] > 1 else ""
-        warnings.warn(f"{name}{others}: {text}", stacklevel=2)
+    for text, names in found.values():
+        warnings.warn(f"{listed(names, 1)}: {text}", stacklevel=2)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from anynet.errors import AnyNetError
+from anynet.names import listed
 from anynet.samples import MAX_DISPARITY, StereoSample
 
 _FACTOR, _SPREAD = 1.4, 0.15  # truth to estimate, either way; and how little the factor's logarithm may vary (median)
@@ -44,7 +45,7 @@ def _uncounted(sample: StereoSample) -> str:
     if not known.size or counted(sample).any():
         return ""
     low, high = float(known.min()), float(known.max())
-    if high <= 0:
+    if high < 0:
         return (
             f"no pixel counts (0 < d < {MAX_DISPARITY:g}): all known disparities are negative, {low:.4g} to "
             f"{high:.4g}; is the sign the other way round, or depth read in the wrong unit (scale)?"
@@ -66,8 +67,7 @@ def with_truth(samples: Sequence[StereoSample]) -> Iterator[StereoSample]:
             yield sample
         else:
             unknown.append(sample.name)
-    others = f" (and {len(unknown) - _NAMED} more)" if len(unknown) > _NAMED else ""
-    names = ", ".join(unknown[:_NAMED]) + others
+    names = listed(unknown, _NAMED)
     if len(unknown) == len(samples):
         raise AnyNetError(f"expected pairs with known disparities to evaluate on, got none: {names}")
     if unknown:

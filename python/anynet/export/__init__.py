@@ -12,10 +12,10 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from anynet.errors import AnyNetError
-from anynet.io.files import replacing
 
 if TYPE_CHECKING:
     from anynet.export.network import Request
@@ -32,8 +32,8 @@ def export_as(format: str, request: Request, path: str | os.PathLike[str]) -> No
     """
     if format not in FORMATS:
         raise AnyNetError(f"export: expected format {', '.join(FORMATS)}, got {format!r}")
-    with _quiet(), replacing(path) as unfinished:
-        getattr(import_module(f"anynet.export.{format}"), f"export_{format}")(request, unfinished)
+    with _quiet():
+        getattr(import_module(f"anynet.export.{format}"), f"export_{format}")(request, Path(path))
 
 
 @contextmanager

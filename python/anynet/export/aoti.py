@@ -16,6 +16,7 @@ from anynet.errors import AnyNetError, one_line
 from anynet.export.cut import Part, cut, run, whole
 from anynet.export.network import INPUTS, Request, check_one_size, outputs, trace
 from anynet.export.pt2 import check_name
+from anynet.io.files import replacing
 
 WHOLE = "model"
 
@@ -40,7 +41,8 @@ def export_aoti(request: Request, path: Path) -> None:
         values = run(stages, images)
         models = {WHOLE: whole(program, names)} | {f"stage_{k}": part for k, part in enumerate(stages, 1)}
         files: AOTI_FILES = {name: _compiled(part, values, request) for name, part in models.items()}
-    package_aoti(str(path), files)
+    with replacing(path) as unfinished:
+        package_aoti(str(unfinished), files)
 
 
 def _compiled(part: Part, values: Mapping[str, Tensor], request: Request) -> list[str | Weights]:

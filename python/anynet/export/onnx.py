@@ -14,6 +14,7 @@ from torch.export import ExportedProgram
 
 from anynet.errors import AnyNetError
 from anynet.export.network import INPUTS, Request, check_one_size, outputs, trace
+from anynet.io.files import replacing
 from anynet_ext import reference
 
 OPSET = 18
@@ -33,16 +34,17 @@ def export_onnx(request: Request, path: Path) -> None:
 
 def save(program: ExportedProgram, path: Path, input_names: Sequence[str], output_names: Sequence[str]) -> None:
     """Writes a program whose only operator of ours is `spatial_propagation`."""
-    torch.onnx.export(
+    model = torch.onnx.export(
         program,
-        f=path,
         input_names=input_names,
         output_names=output_names,
         opset_version=OPSET,
         custom_translation_table=translations(),
-        external_data=False,
         verbose=False,
     )
+    assert model is not None
+    with replacing(path) as unfinished:
+        model.save(unfinished, external_data=False)
 
 
 def translations() -> dict[Callable[..., Any], Callable[..., Any]]:

@@ -8,6 +8,7 @@ import torch
 
 from anynet.errors import AnyNetError
 from anynet.export.network import Request, trace
+from anynet.io.files import replacing
 
 
 def export_pt2(request: Request, path: Path) -> None:
@@ -17,7 +18,9 @@ def export_pt2(request: Request, path: Path) -> None:
         AnyNetError: as of `trace`, or for a name without .pt2 at its end.
     """
     check_name(path)
-    torch.export.save(trace(request), path)
+    program = trace(request)
+    with replacing(path) as unfinished:
+        torch.export.save(program, unfinished)
 
 
 def check_name(path: Path) -> None:

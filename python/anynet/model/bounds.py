@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from anynet.errors import AnyNetError
 
 INPUT_SCALES = 1 / 16, 4.0  # smallest and largest
@@ -33,3 +35,8 @@ def check_input_scale(config: object, scale: object) -> None:
     low, high = INPUT_SCALES
     if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not low <= scale <= high:
         raise AnyNetError(f"{type(config).__name__}: expected input_scale from {low:g} to {high:g}, got {scale!r}")
+
+
+def as_tuples(value: Any) -> Any:
+    """JSON has lists only; configurations hold tuples, perhaps of tuples."""
+    return tuple(as_tuples(v) for v in value) if isinstance(value, list) else value

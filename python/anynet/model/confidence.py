@@ -159,6 +159,13 @@ class ConfidenceModel:
         return ConfidenceModel(*([row.to(device) for row in getattr(self, name)] for name in _FIELDS))
 
     def write(self, path: Path) -> None:
+        """As JSON.
+
+        Raises:
+            AnyNetError: if not all coefficients are finite, or the file cannot be written.
+        """
+        if not all(row.float().isfinite().all() for name in _FIELDS for row in getattr(self, name)):
+            raise AnyNetError(f"cannot write {path}: expected finite coefficients, got NaN or infinity")
         content = {name: [[round(float(v), 5) for v in row] for row in getattr(self, name)] for name in _FIELDS}
         write_atomically(path, (json.dumps(content) + "\n").encode())
 

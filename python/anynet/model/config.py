@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 from anynet.errors import AnyNetError
-from anynet.model.bounds import check_flag, check_input_scale, check_range, check_whole
+from anynet.model.bounds import as_tuples, check_flag, check_input_scale, check_range, check_whole
 
 # Of ImageNet's RGB values in 0..1: what the network's inputs are normalized by.
 MEAN = (0.485, 0.456, 0.406)
@@ -297,8 +297,3 @@ def _from_dict(kind: type, prefix: str, options: object) -> Any:
         part = _PARTS.get(name) if kind is AnyNetConfig else None
         values[name] = _from_dict(part, f"{name}.", value) if part is not None else as_tuples(value)
     return kind(**values)
-
-
-def as_tuples(value: Any) -> Any:
-    """JSON has lists only; configurations hold tuples, perhaps of tuples."""
-    return tuple(as_tuples(v) for v in value) if isinstance(value, list) else value

@@ -53,10 +53,13 @@ def init_normal(weight: Tensor, std: float) -> None:
         nn.init.normal_(weight, std=std)
 
 
-def few_channels(weight: Tensor) -> bool:
-    """Whether our own operators are the faster ones for a convolution of this weight. (They take up to 64 channels.)"""
+def few_channels(weight: Tensor, *, on_gpu: bool | None = None) -> bool:
+    """Whether our own operators are the faster ones for a convolution of this weight. (They take up to 64 channels.)
+
+    `on_gpu`: where it is computed. None: where it is.
+    """
     outputs, inputs = weight.shape[:2]
-    return outputs <= (32 if weight.is_cuda else 64) and inputs <= 64
+    return outputs <= (32 if (weight.is_cuda if on_gpu is None else on_gpu) else 64) and inputs <= 64
 
 
 class Deployed(nn.Module):
@@ -90,6 +93,7 @@ class DeployedConvolution(Deployed):
 
         Layers of few channels are cheap, and the inputs or results of one channel are disparities or costs.
         """
+        self._ours = few_channels(self.weight, on_gpu=True)
         if min(self.weight.shape[:2]) >= CUDNN_CHANNELS[dtype]:
             self._ours = False
             if dtype != torch.float32:

@@ -19,6 +19,12 @@ from anynet.training.distributed import Processes
 from anynet.training.recipe import Recipe
 
 MOST_WORKERS = 16  # unless asked for more: each keeps some batches ready
+# Of the death of a worker, by its signal's name; None: not known.
+_CAUSES = {
+    None: ", perhaps for lack of memory",
+    "Killed": ", perhaps for lack of memory",
+    "Bus error": ", perhaps for lack of shared memory (/dev/shm; docker run --shm-size)",
+}
 FAR = 0.5  # pixels of disparity: `Recipe.far_weight` is for less
 
 Item = tuple[Tensor, Tensor, Tensor, Tensor]
@@ -103,11 +109,14 @@ def telling_killed_workers() -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        if not re.match(r"DataLoader worker \(pid.*(killed by signal|exited unexpectedly)", str(error)):
+        end = re.match(
+            r"DataLoader worker \(pid.*(?:killed by signal: (?P<signal>[^.]*)|exited unexpectedly)", str(error)
+        )
+        if end is None:
             raise
-        raise AnyNetError(
-            "a worker failed or was killed, perhaps for lack of memory: go on with --resume and fewer --workers"
-        ) from None
+        name = end["signal"]
+        how, cause = f"was killed ({name})" if name else "failed or was killed", _CAUSES.get(name, "")
+        raise AnyNetError(f"a worker {how}{cause}: go on with --resume and fewer --workers") from None
 
 
 def count_workers(recipe: Recipe, processes: Processes) -> int:

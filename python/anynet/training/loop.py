@@ -9,12 +9,11 @@ import math
 import os
 import time
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-import filelock
 import torch
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
@@ -27,7 +26,7 @@ from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
 from anynet.evaluation.methods import open_method
 from anynet.evaluation.truth import check_counted
-from anynet.io.files import make_folder, read_bytes, remove_unfinished, telling_damage, write_atomically
+from anynet.io.files import read_bytes, telling_damage, write_atomically
 from anynet.model.anynet import AnyNet, normalize
 from anynet.training.batches import batches, telling_killed_workers
 from anynet.training.distributed import Processes, process_group, synchronize_batch_norm
@@ -35,11 +34,8 @@ from anynet.training.graphs import GraphedStep
 from anynet.training.log import RunLog
 from anynet.training.loss import loss_weights, stage_losses
 from anynet.training.recipe import Recipe
+from anynet.training.run_folder import CHECKPOINT, LOG, RECIPE, WEIGHTS, check_free, locked
 from anynet.waiting import waiting
-
-RECIPE, CHECKPOINT, LOG, WEIGHTS = "recipe.json", "checkpoint.pt", "log.jsonl", "weights.safetensors"
-LOCK = "run.lock"
-PATIENCE = 10  # seconds: the data workers of a run that was killed hold its lock until they notice, after 5
 
 
 def train(
@@ -75,54 +71,30 @@ def train(
         validation = {name: open_datasets([name]) for name in recipe.validation}
     if not len(data):
         raise AnyNetError("expected pairs to train on (data), got none")
-    with process_group(recipe.device) as group, _locked(out) if group.is_main else nullcontext():
+    with process_group(recipe.device) as group, locked(out) if group.is_main else nullcontext():
         if recipe.amp and group.device.type == "cpu" and group.is_main:
             warnings.warn("amp is for CUDA: on a CPU it saves no time", stacklevel=2)
         if group.is_main:
             for what, samples in (("data", data), *((f"validation {name}", v) for name, v in validation.items())):
                 check_counted(what, samples)
-            _check_free(recipe, out, resume)
+            check_free(recipe, out, resume)
         group.barrier()
         with telling_killed_workers():
             return _Run(recipe, out, data, validation, group).go()
 
 
-@contextmanager
-def _locked(out: Path) -> Iterator[None]:
-    """Keeps the folder from a second process, however the first one ends."""
-    make_folder(out)
-    try:
-        held = filelock.FileLock(out / LOCK).acquire(timeout=PATIENCE)
-    except filelock.Timeout:
-        raise AnyNetError(f"{out}: another process is training there") from None
-    except OSError as error:
-        raise AnyNetError(f"cannot write {out / LOCK}: {error.strerror}") from error
-    with held:
-        remove_unfinished(out)  # of a run that was killed
-        yield
-
-
-def _check_free(recipe: Recipe, out: Path, resume: bool) -> None:
-    """Sees that the folder holds no run, or this recipe's that is to go on."""
-    stored = out / RECIPE
-    if stored.exists():
-        if not resume:
-            raise AnyNetError(f"{out} holds a run already: resume it, or choose another folder")
-        Recipe.load(stored).check_resumed(recipe)
-
-
 def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
     """The network as the run begins with it."""
+    network, scale = recipe.network, recipe.input_scale
     if recipe.model is not None:
-        return BaselineModel(BaselineConfig(model=recipe.model, input_scale=recipe.input_scale or 1))
+        return BaselineModel(BaselineConfig(model=recipe.model, input_scale=1 if scale is None else scale))
     if recipe.weights is None:
-        return AnyNet(recipe.network)
+        return AnyNet(network)
     if recipe.load_partial:
-        network, scale = recipe.network, recipe.input_scale
         return load_partial(recipe.weights, network if scale is None else network.with_input_scale(scale))
     if stored_config(find_weights(recipe.weights)) is not None:
-        return load_baseline(recipe.weights, recipe.input_scale)
-    return load_checkpoint(recipe.weights, recipe.input_scale)
+        return load_baseline(recipe.weights, scale)
+    return load_checkpoint(recipe.weights, scale)
 
 
 @dataclass(frozen=True)
@@ -164,7 +136,7 @@ class _Run:
             self.parallel = DistributedDataParallel(self.model, broadcast_buffers=False, find_unused_parameters=unused)
         self.optimizer = torch.optim.Adam(self.model.parameters(), recipe.learning_rate, fused=True)
         self.step = 0
-        if (out / CHECKPOINT).exists():
+        if os.path.exists(out / CHECKPOINT):
             self._restore()
         graphed = group.device.type == "cuda" and group.world_size == 1
         self._compute = GraphedStep(self._computed, group.device) if graphed else self._computed
@@ -185,9 +157,9 @@ class _Run:
                 began = time.perf_counter()
                 batch = next(loader)
                 waited = time.perf_counter() - began
-                if self.group.is_main and self.step == first:  # only now, so that mistakes leave the folder free
-                    write_atomically(self.out / RECIPE, recipe.to_json().encode())
                 values = HostCopy(self._update(batch))
+                if self.group.is_main and self.step == first + 1:  # only now, so that mistakes leave the folder free
+                    write_atomically(self.out / RECIPE, recipe.to_json().encode())
                 if before is not None:
                     self._tell(log, before)  # only now: a GPU is not to stand still meanwhile
                 before = _Step(self.step, values, time.perf_counter() - began, waited)

@@ -13,7 +13,8 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from anynet.errors import AnyNetError, one_line
 from anynet.io.files import MAX_PIXELS, read_text
 from anynet.model import presets
-from anynet.model.config import AnyNetConfig, as_tuples
+from anynet.model.bounds import as_tuples, check_input_scale
+from anynet.model.config import AnyNetConfig
 from anynet.scheduler import MAX_THREADS
 
 Schedule = Literal["constant", "step", "cosine"]
@@ -125,6 +126,8 @@ class Recipe:
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise AnyNetError(f"{name} must be at least 1, got {value}")
+        if self.input_scale is not None:
+            check_input_scale(self, self.input_scale)
         if self.input_scale is not None and self.weights is None and self.model is None:
             raise AnyNetError("input_scale is for weights to start from; give a new network its own, as in network")
         if self.model is not None and self.weights is not None:

@@ -20,8 +20,9 @@ from anynet.errors import AnyNetError
 from anynet.evaluation.methods import open_method
 from anynet.model.anynet import normalize
 from anynet.model.config import MEAN, STD
-from anynet.training.loop import CHECKPOINT, LOG, train
+from anynet.training.loop import train
 from anynet.training.recipe import Recipe
+from anynet.training.run_folder import CHECKPOINT, LOG
 
 SMALL = BaselineConfig(model="nvtiny", max_disparity=16)
 

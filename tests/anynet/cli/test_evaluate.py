@@ -176,8 +176,9 @@ def test_pairs_without_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str],
         (["--method", "bm", "--input-scale", "2"], "--input-scale, --device and --precision belong to networks"),
         (["--method", "bm", "--device", "auto"], "--input-scale, --device and --precision belong to networks"),
         (["--model", "psmnet", "--precision", "float16"], "--precision belongs to --weights"),
+        (["--model", "nvtiny", "--input-scale", "0"], "BaselineConfig: expected input_scale from 0.0625 to 4, got 0.0"),
     ],
 )
-def test_options_that_would_do_nothing(capsys: pytest.CaptureFixture[str], options: list[str], message: str) -> None:
+def test_wrong_options(capsys: pytest.CaptureFixture[str], options: list[str], message: str) -> None:
     assert main(["evaluate", "--data", "render:1", *options]) == 2
     assert capsys.readouterr().err.startswith(f"anynet: {message}")

@@ -42,6 +42,27 @@ def test_eth3d_from_inside(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plac
     check(open_dataset(f"eth3d:{root}"), ["forest"])
 
 
+@pytest.mark.parametrize(
+    ("kind", "files"),
+    [
+        ("middlebury2001", ["im2.ppm", "im6.ppm", "8:disp2.pgm"]),
+        ("middlebury2003", ["im2.png", "im6.png", "disp2.png"]),
+        ("middlebury2006", ["view1.png", "view5.png", "disp1.png"]),
+    ],
+)
+def test_a_scene_opens_from_inside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, files: list[str]
+) -> None:
+    tree(tmp_path / "scene", *files)
+    (tmp_path / "scene" / "inner").mkdir()
+    (tmp_path / "inner").symlink_to(tmp_path / "scene" / "inner")
+    monkeypatch.chdir(tmp_path / "scene" / "inner")
+    for root in ("..", tmp_path / "inner" / ".."):
+        assert [sample.name for sample in open_dataset(f"{kind}:{root}").files] == ["scene"]
+    monkeypatch.chdir(tmp_path / "scene")
+    assert [sample.name for sample in open_dataset(f"{kind}:.").files] == ["scene"]
+
+
 def test_scale_of_middlebury_2006_follows_the_size(tmp_path: Path) -> None:
     for height, level in ((370, 30), (555, 20), (1110, 10)):
         scene = tmp_path / f"scene{height}"

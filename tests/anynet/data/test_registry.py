@@ -93,3 +93,17 @@ def test_wrong_specs(spec: str, message: str) -> None:
 def test_options_that_cannot_be(spec: str) -> None:
     with pytest.raises(AnyNetError, match=r"^[^\n]+$"):
         open_dataset(spec)
+
+
+@pytest.mark.parametrize("kind", [*sorted({spec.partition(":")[0] for spec in REAL}), "folders", "csv", "rendered"])
+def test_names_that_are_too_long_are_told(tmp_path: Path, kind: str) -> None:
+    with pytest.raises(AnyNetError, match=r"there is no such|found none"):
+        open_dataset(f"{kind}:{tmp_path}/{'x' * 300}")
+
+
+def test_split_files_of_names_that_are_too_long(tmp_path: Path) -> None:
+    for place in ("image_2", "image_3", "disp_noc_0"):
+        (tmp_path / "training" / place).mkdir(parents=True)
+        (tmp_path / "training" / place / "000000_10.png").touch()
+    with pytest.raises(AnyNetError, match="x: no such split file, neither in"):
+        open_dataset(f"kitti2015:{tmp_path}?split={'x' * 300}")

@@ -3,6 +3,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +49,15 @@ def test_a_worker_that_failed_itself_is_told(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-"], input=program, capture_output=True, text=True)
     assert done.stderr.splitlines()[-1].startswith(f"anynet: {tmp_path}: a worker failed or was killed, ")
     assert "FileNotFoundError" in done.stderr
+
+
+def test_a_worker_killed_before_all_is_handed_out_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise BrokenProcessPool
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", broken)
+    with pytest.raises(AnyNetError, match="a worker failed or was killed"):
+        list(write_rendered(tmp_path, 2, height=96, width=128))
 
 
 def test_folder_of_another_size_is_refused(tmp_path: Path, rendering_here: None) -> None:

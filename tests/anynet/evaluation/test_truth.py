@@ -33,6 +33,8 @@ def test_another_scale(factor: float, word: str) -> None:
 def test_the_other_sign_and_the_wrong_range() -> None:
     (finding,) = findings(-ESTIMATE)
     assert "all known disparities are negative" in finding
+    (finding,) = findings(0 * ESTIMATE)
+    assert "the known disparities are 0.0 to 0.0" in finding
     (finding,) = findings(ESTIMATE + 300)
     assert "no pixel counts (0 < d < 192): the known disparities are 30" in finding
 

@@ -7,7 +7,7 @@ import torch
 from networks import wild
 
 from anynet import AnyNetConfig, AnyNetError, save_checkpoint
-from anynet.export import export_as
+from anynet.export import FORMATS, export_as
 from anynet.export.network import Request, smallest_side, trace
 from anynet.model import presets
 
@@ -47,6 +47,19 @@ def test_formats_that_there_are_not(tmp_path: Path) -> None:
 def test_a_folder_that_is_missing(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match=r"cannot write .*network\.pt2: No such file or directory"):
         export_as("pt2", Request("paper", 64, 64), tmp_path / "none" / "network.pt2")
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_an_error_of_the_work_is_not_one_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, format: str
+) -> None:
+    def full_cache(request: Request) -> None:
+        raise OSError(28, "No space left on device", "/cache/kernel.so")
+
+    monkeypatch.setattr(f"anynet.export.{format}.trace", full_cache)
+    with pytest.raises(OSError, match=r"/cache/kernel\.so"):
+        export_as(format, Request("paper", 64, 64), tmp_path / "network.pt2")
+    assert not list(tmp_path.iterdir())
 
 
 def test_smallest_sides() -> None:

@@ -171,3 +171,14 @@ def test_model_round_trip(tmp_path: Path) -> None:
     for ours, theirs in ((models[0], read.single), (models[1], read.checked)):
         for a, b in zip(ours, theirs, strict=True):
             torch.testing.assert_close(a, b, atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("value", [torch.nan, 1e39])
+def test_a_model_that_could_not_be_read_is_not_written(tmp_path: Path, value: float) -> None:
+    path = tmp_path / "x.json"
+    path.write_text("before")
+    good, bad = [torch.zeros(3)], [torch.tensor([0, 1, value], dtype=torch.float64)]
+    for models in ((good, bad), (bad, good)):
+        with pytest.raises(AnyNetError, match=r"x\.json: expected finite coefficients, got NaN or infinity"):
+            ConfidenceModel(*models).write(path)
+    assert path.read_text() == "before"

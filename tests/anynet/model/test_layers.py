@@ -27,6 +27,14 @@ def test_a_convolution_folds_what_surrounds_it(dims: int, channels: tuple[int, i
     torch.testing.assert_close(conv.deploy()(x), conv(x), rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.parametrize(("channels", "ours"), [((5, 32), True), ((5, 33), False), ((20, 5), True), ((20, 20), False)])
+def test_a_gpu_has_limits_of_its_own(channels: tuple[int, int], ours: bool) -> None:
+    conv = Convolution(*channels).deploy()
+    assert conv.plain
+    conv.for_gpu(torch.float32)
+    assert conv.plain == ours
+
+
 @pytest.mark.parametrize("dims", [2, 3])
 def test_a_norm_tracks_its_statistics_as_pytorchs_does(dims: int) -> None:
     kind = (nn.BatchNorm2d, nn.BatchNorm3d)[dims - 2]

@@ -18,8 +18,9 @@ from torch import Tensor
 from anynet.data import StereoSample
 from anynet.training.batches import batches
 from anynet.training.distributed import Processes
-from anynet.training.loop import LOG, _Run, train
+from anynet.training.loop import _Run, train
 from anynet.training.recipe import Recipe
+from anynet.training.run_folder import LOG
 
 SMALL: dict[str, Any] = {
     "batch_size": 4,

@@ -9,7 +9,7 @@ import torch
 from planes import RECIPE, Planes
 
 from anynet.errors import AnyNetError
-from anynet.training.batches import batches, count_workers
+from anynet.training.batches import batches, count_workers, telling_killed_workers
 from anynet.training.distributed import Processes
 
 CPU = torch.device("cpu")
@@ -89,3 +89,22 @@ def test_a_gpu_gets_its_share_of_the_cores_for_its_data(monkeypatch: pytest.Monk
 
     assert [count("cpu"), count("cuda"), count("cuda", 4), count("cuda", 100)] == [1, 16, 6, 1]
     assert [count("cpu", workers=3), count("cuda", workers=0)] == [3, 0]
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        ("DataLoader worker (pid 7) is killed by signal: Killed. ", "was killed (Killed), perhaps for lack of memory"),
+        (
+            "DataLoader worker (pid 7) is killed by signal: Bus error. It is possible that dataloader's workers are "
+            "out of shared memory. Please try to raise your shared memory limit.",
+            "was killed (Bus error), perhaps for lack of shared memory (/dev/shm; docker run --shm-size)",
+        ),
+        ("DataLoader worker (pid 7) is killed by signal: Segmentation fault. ", "was killed (Segmentation fault)"),
+        ("DataLoader worker (pid(s) 7, 8) exited unexpectedly", "failed or was killed, perhaps for lack of memory"),
+    ],
+)
+def test_what_ended_a_worker_is_told(error: str, told: str) -> None:
+    with pytest.raises(AnyNetError) as caught, telling_killed_workers():
+        raise RuntimeError(error)
+    assert str(caught.value) == f"a worker {told}: go on with --resume and fewer --workers"

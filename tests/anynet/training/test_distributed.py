@@ -13,7 +13,7 @@ from safetensors.torch import load_file
 
 from anynet.errors import AnyNetError
 from anynet.training.distributed import process_group
-from anynet.training.loop import CHECKPOINT, WEIGHTS
+from anynet.training.run_folder import CHECKPOINT, WEIGHTS
 
 
 @pytest.mark.slow

@@ -29,8 +29,10 @@ from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation
 from anynet.model.anynet import AnyNet
 from anynet.model.config import AnyNetConfig, FirstStageConfig
-from anynet.training import loop
-from anynet.training.loop import CHECKPOINT, LOG, WEIGHTS, train
+from anynet.training import loop, run_folder
+from anynet.training.loop import train
+from anynet.training.run_folder import CHECKPOINT, LOG, WEIGHTS
+from anynet.training.run_folder import RECIPE as RECIPE_FILE
 
 
 def test_the_loss_falls_and_the_weights_are_measured(tmp_path: Path) -> None:
@@ -208,7 +210,7 @@ def test_two_processes_do_not_train_in_one_folder(tmp_path: Path, monkeypatch: p
         while not ((tmp_path / LOG).exists() and log_lines(tmp_path)):  # until its data worker watches it
             assert first.poll() is None
             time.sleep(0.05)
-        monkeypatch.setattr(loop, "PATIENCE", 0.1)
+        monkeypatch.setattr(run_folder, "PATIENCE", 0.1)
         with pytest.raises(AnyNetError, match="another process is training there"):
             train(replace(RECIPE, steps=100_000), tmp_path, data=Planes(10), resume=True)
     finally:
@@ -219,6 +221,9 @@ def test_two_processes_do_not_train_in_one_folder(tmp_path: Path, monkeypatch: p
         train(replace(RECIPE, steps=5), tmp_path, data=Planes(10), resume=True)
 
 
+KILLED = r"a worker (was killed \(Killed\)|failed or was killed), perhaps for lack of memory: go on with --resume and "
+
+
 def test_a_killed_worker_is_told(tmp_path: Path) -> None:
     class Deadly(Planes):
         def __getitem__(self, index: int) -> StereoSample:  # type: ignore[override]
@@ -226,7 +231,7 @@ def test_a_killed_worker_is_told(tmp_path: Path) -> None:
                 os.kill(os.getpid(), signal.SIGKILL)
             return super().__getitem__(index)
 
-    with pytest.raises(AnyNetError, match="a worker failed or was killed, perhaps for lack of memory: go on"):
+    with pytest.raises(AnyNetError, match=KILLED):
         train(replace(RECIPE, workers=1), tmp_path, data=Deadly(70))  # more than are decoded beforehand
 
 
@@ -237,6 +242,28 @@ def test_a_folder_with_a_run_is_not_overwritten(tmp_path: Path) -> None:
         train(recipe, tmp_path, data=Planes(4))
     with pytest.raises(AnyNetError, match=r"learning_rate was 0.002 when the run began, so it cannot be 0.1"):
         train(replace(recipe, learning_rate=0.1), tmp_path, data=Planes(4), resume=True)
+
+
+def test_a_checkpoint_without_its_recipe_is_kept(stopped):
+    recipe, out = stopped
+    (out / RECIPE_FILE).unlink()
+    before = (out / CHECKPOINT).read_bytes()
+    with pytest.raises(AnyNetError, match="holds a run already"):
+        train(replace(recipe, learning_rate=0.1), out, data=Planes(10))
+    assert (out / CHECKPOINT).read_bytes() == before
+    train(recipe, out, resume=True, data=Planes(10))
+    assert [line["step"] for line in log_lines(out)] == [1, 2, 3]
+
+
+def test_a_first_step_that_fails_leaves_the_folder_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_memory(*_: object) -> None:
+        raise torch.OutOfMemoryError
+
+    with monkeypatch.context() as patch:
+        patch.setattr(loop._Run, "_computed", no_memory)
+        with pytest.raises(torch.OutOfMemoryError):
+            train(RECIPE, tmp_path, data=Planes(4))
+    train(replace(RECIPE, steps=1), tmp_path, data=Planes(4))
 
 
 def test_stage_weights_must_fit_the_network(tmp_path: Path) -> None:

@@ -85,6 +85,8 @@ def test_stage_weights_must_weigh_something(weights: tuple[float, ...]) -> None:
         ({"max_grad_norm": math.inf}, "max_grad_norm must be finite, got inf"),
         ({"ema_decay": 1.0}, "ema_decay must be in"),
         ({"schedule": "linear"}, "constant, step or cosine, got 'linear'"),
+        ({"input_scale": 0, "model": "nvtiny"}, "Recipe: expected input_scale from 0.0625 to 4, got 0"),
+        ({"input_scale": math.nan, "weights": "paper"}, "Recipe: expected input_scale from 0.0625 to 4, got nan"),
         ({"input_scale": 2}, "input_scale is for weights to start from"),
         ({"load_partial": True}, "load_partial is for weights to start from"),
         ({"device": "gpu"}, "device must be cpu or cuda, got 'gpu'"),
