@@ -120,8 +120,8 @@ def _finished(found: Found, replace: Mapping[str, float]) -> Calibration | Stere
         raise AnyNetError(f"expected values of {', '.join(_VALUES)} to replace, got {', '.join(sorted(unknown))}")
     if found.rig is not None and (found.raw or not found.values):
         return _raw(found, found.rig, replace)
-    if found.rig is not None and "baseline" in replace:
-        found.rig = found.rig.with_baseline(replace["baseline"])
+    if found.rig is not None and "baseline" in replace:  # cameras in one place tell no direction
+        found.rig = found.rig.with_baseline(replace["baseline"]) if found.rig.baseline > 0 else None
     values = {**found.values, **replace}
     lacking = [name for name in ("focal", "baseline") if name not in values]
     lacking += [name for name in found.lacking if name not in values and name not in lacking]
@@ -141,6 +141,7 @@ def _raw(found: Found, rig: StereoRig, replace: Mapping[str, float]) -> StereoRi
     if set(replace) - {"baseline"}:
         names = ", ".join(f"--{name}" for name in replace)
         raise AnyNetError(f"the calibration is of raw cameras: {names} cannot replace values of rectified ones")
+    rig.check_skew()
     values = {**found.values, **replace}
     if {"focal", "baseline"} <= values.keys():  # told beside the raw cameras
         rig = rig.with_rectified(_rectified(found, values))
