@@ -60,7 +60,7 @@ class Board:
 
     @property
     def patterns(self) -> tuple[bool, ...]:
-        """Where the markers may be: in today's squares, and in those before OpenCV 4.6 (`legacy`) if they are others."""
+        """Where markers may be: in today's squares, and in those before OpenCV 4.6 (`legacy`) if they are others."""
         return (False, True) if self.marker and self.rows % 2 == 0 else (False,)
 
     def find(self, image: Image, legacy: bool = False) -> Corners | None:

@@ -518,23 +518,95 @@ def test_opencv_with_the_pose_of_each_camera(tmp_path: Path) -> None:
     alone = {"left": {"K": K1, "dist": D, "R": np.eye(3).tolist(), "t": [-0.5, 0, 0]}, "right": {"K": K1, "dist": D}}
     with pytest.raises(AnyNetError, match="expected t of both cameras, or once of the rig"):
         read_rig(write(tmp_path, "alone.json", json.dumps(alone)))
-    alone = {"left": {"K": K1, "dist": D}, "right": {"K": K1, "dist": D, "R": np.eye(3).tolist(), "t": [-0.5, 0, 0]}}
-    assert read_rig(write(tmp_path, "alone.json", json.dumps(alone))).translation == pytest.approx([-0.5, 0, 0])
+
+
+@pytest.mark.parametrize("names", [("left", "right"), ("cam0", "cam1"), ("camera0", "camera1"), ("0", "1"), ("L", "R")])
+def test_opencv_with_one_pose_beside_or_in_the_cameras(tmp_path: Path, names: tuple[str, str]) -> None:
+    """In the right camera's map, or outside of both, where theirs are what rectifies; or R outside, T inside."""
+    camera, upright = {"K": K1, "dist": D}, {"R": np.eye(3).tolist()}
+    pose = {"R": R.tolist(), "T": T}
+    for first, second, more in (
+        (camera, camera | pose, {}),
+        (camera, camera | {"extrinsics": pose}, {}),
+        (camera | upright, camera | upright, {"rotation": pose["R"], "translation": T}),
+        (camera | upright, camera | upright, {"stereo": pose}),
+        (camera | {"T": [0, 0, 0]}, camera | {"T": T}, {"rotation": pose["R"]}),
+    ):
+        rig = read_rig(write(tmp_path, "rig.json", json.dumps(dict(zip(names, (first, second), strict=True)) | more)))
+        np.testing.assert_allclose(rig.rotation, R, atol=1e-9)
+        np.testing.assert_allclose(rig.translation, np.ravel(T))
+    rectified = {names[0]: {"K": K1}, names[1]: {"K": K1, "T": [-0.12, 0, 0]}}
+    path = write(tmp_path, "rig.json", json.dumps(rectified))
+    assert read(path).baseline == pytest.approx(0.12)
+    assert read(path, replace={"baseline": 0.2}).baseline == 0.2
+
+
+RAW = {"K1": K1, "D1": D[0][:4], "K2": K1, "D2": D[0][:4], "R": np.eye(3).tolist(), "T": [-0.1, 0, 0]}
+RECTIFIED = {"P1": [[480, 0, 325, 0], [0, 480, 238, 0], ROWS[1]], "P2": [[480, 0, 325, -48], [0, 480, 238, 0], ROWS[1]]}
 
 
 @pytest.mark.parametrize(
     "more",
     [
-        {"model": "omnidir"},
         {"xi1": 1.2, "xi2": 1.2},
+        {"xi_left": 1.2, "xi_right": 1.2},
         {"model": "pinhole", "xi": 1.2},
-        {"distortion_model": "double_sphere"},
+        {"left": {"xi": 1.2}, "right": {"xi": 1.2}},
+        {"sensor": {"model": "OV9281"}, "right": {"model": "omnidir"}},
+        *({name: "omnidirectional"} for name in ("model1", "left_model", "camera_model_left", "lensModel", "type")),
+        *({name: "Omnidirectional camera"} for name in ("lens", "projection_model", "distortion_type")),
+        *({"model": name} for name in ("ds", "double_sphere", "Double Sphere", "eucm", "FOV", "f-theta", "fisheye62")),
+        *({"model": name} for name in ("equisolid", "stereographic", "catadioptric", "cylindrical", "unified model")),
     ],
 )
 def test_opencv_with_lenses_of_other_models(tmp_path: Path, more: dict[str, object]) -> None:
-    rig = {"K1": K1, "D1": D, "K2": K1, "D2": D, "R": np.eye(3).tolist(), "T": [-0.1, 0, 0], **more}
+    path = write(tmp_path, "rig.json", json.dumps({**RAW, **more}))
     with pytest.raises(AnyNetError, match="expected cameras of the models pinhole"):
-        read_rig(write(tmp_path, "rig.json", json.dumps(rig)))
+        read_rig(path)
+    path.write_text(json.dumps({**RAW, **more, **RECTIFIED}))
+    with pytest.warns(UserWarning, match="the raw cameras are left out: expected cameras of the models pinhole"):
+        calibration = read(path)
+    assert calibration == Calibration(480, 0.1, 325, 238)
+    assert calibration.rig is None
+    path.write_text(json.dumps({**RAW, **more, **RECTIFIED, "images": "raw"}))
+    with pytest.raises(AnyNetError, match="expected cameras of the models pinhole"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("more", "model"),
+    [
+        *(({"model": name}, "fisheye") for name in ("kb4", "KB8", "Kannala-Brandt", "cv2.fisheye", "equidistant")),
+        *(({name: "fisheye"}, "fisheye") for name in ("model_left", "cam0_model", "lens_type", "distortionModel")),
+        ({"is_fisheye": True}, "fisheye"),
+        ({"camera_model": "pinhole", "distortion_model": "equidistant"}, "fisheye"),
+        *(({"model": name}, "pinhole") for name in ("OmniVision OV9281", "DS-2CD2042", "Brown-Conrady", "radtan")),
+        *(({"lens": name}, "pinhole") for name in ("aspherical 6mm", "spherical 6mm", "M12 FOV 78", "Meiji")),
+        ({"type": "stereo", "lens": {"fov": 78}}, "pinhole"),
+    ],
+)
+def test_opencv_with_names_of_cameras_and_lenses(tmp_path: Path, more: dict[str, object], model: str) -> None:
+    found = read_rig(write(tmp_path, "rig.json", json.dumps({**RAW, **more})))
+    assert (found.left.model, found.right.model) == (model, model)
+
+
+def test_opencv_with_raw_cameras_that_are_not_usable(tmp_path: Path) -> None:
+    for wrong, message in (
+        ({"D1": [1, 2, 3]}, "expected 4, 5, 8, 12, 14 distortion coefficients"),
+        ({"K2": None}, "the calibration lacks K2 beside K1"),
+        ({"R": np.zeros((3, 3)).tolist()}, "expected a rotation between the cameras"),
+    ):
+        rig = {name: value for name, value in {**RAW, **wrong}.items() if value is not None}
+        with pytest.raises(AnyNetError, match=message):
+            read_calibration(write(tmp_path, "rig.json", json.dumps(rig)))
+        with pytest.warns(UserWarning, match=f"the raw cameras are left out: {message}"):
+            assert read(write(tmp_path, "rig.json", json.dumps({**rig, **RECTIFIED}))).baseline == pytest.approx(0.1)
+
+
+def test_raw_cameras_in_one_place_beside_rectified_values(tmp_path: Path) -> None:
+    rig = {**RAW, **RECTIFIED, "P2": RECTIFIED["P1"], "T": [0, 0, 0]}
+    calibration = read(write(tmp_path, "rig.json", json.dumps(rig)), replace={"baseline": 0.12})
+    assert (calibration.baseline, calibration.rig) == (0.12, None)
 
 
 def test_skewed_pixels_are_refused(tmp_path: Path) -> None:
@@ -542,6 +614,41 @@ def test_skewed_pixels_are_refused(tmp_path: Path) -> None:
     rig = {"K1": skewed, "D1": D, "K2": skewed, "D2": D, "R": np.eye(3).tolist(), "T": [-0.1, 0, 0]}
     with pytest.raises(AnyNetError, match="expected a camera matrix without skew, got 3"):
         read_rig(write(tmp_path, "rig.json", json.dumps(rig)))
+    for more in ({"D1": [0] * 4, "D2": [0] * 4}, {"D1": [0] * 4, "D2": [0] * 4, "T": None}):  # as of a rectified pair
+        path = write(tmp_path, "rig.json", json.dumps({k: v for k, v in {**rig, **more}.items() if v is not None}))
+        with pytest.raises(AnyNetError, match=r"expected a camera matrix without skew, got 3"):
+            read_calibration(path, replace={"baseline": 0.1})
+    device = depthai().replace("[800, 0, 640]", "[800, 2, 640]")
+    with pytest.raises(AnyNetError, match="expected a camera matrix without skew, got 2"):
+        read_rig(write(tmp_path, "oak.json", device))
+
+
+def test_skewed_pixels_beside_rectified_values(tmp_path: Path) -> None:
+    """They are of the raw images alone."""
+    paths = [
+        write(
+            tmp_path,
+            f"{along}.yaml",
+            ROS.format(name="", along=along, model="equidistant", count=4, distortion="0.1, 0, 0, 0"),
+        )
+        for along in (0, -48)
+    ]
+    for path in paths:
+        path.write_text(path.read_text().replace("[500, 0, 320", "[500, 0.3, 320"))
+    skewed = [[500, 0.3, 320], [0, 500, 240], [0, 0, 1]]
+    rig = {"K1": skewed, "D1": D, "K2": skewed, "D2": D, "R": R.tolist(), "T": T, "image_size": [640, 480]}
+    rig |= {"P1": [[480, 0, 325, 0], *ROWS], "P2": [[480, 0, 325, -48], *ROWS]}
+    rig["P1"][1] = rig["P2"][1] = [0, 480, 238, 0]  # type: ignore[index]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        both = read(*paths), read(write(tmp_path, "rig.json", json.dumps(rig)))
+    for calibration in both:
+        assert calibration == Calibration(480, 0.1, 325, 238, 0, (640, 480))
+        image = np.zeros((480, 640, 3), np.uint8)
+        with pytest.raises(AnyNetError, match=r"expected a camera matrix without skew, got 0\.3"):
+            PairPreparation(calibration, raw=True)(image, image)
+    with pytest.raises(AnyNetError, match=r"expected a camera matrix without skew, got 0\.3"):
+        read_calibration(write(tmp_path, "ours.json", json.dumps({**rig, "images": "raw"})))
 
 
 def test_kitti_pairs(tmp_path: Path) -> None:
