@@ -423,9 +423,28 @@ def test_vins(tmp_path: Path, text: str, model: str) -> None:
         assert (rig.left.matrix[0, 0], rig.right.matrix[0, 0]) == (500.1, 461.1)
     other = write(tmp_path, "other.yaml", text.format(name="other"))
     with pytest.raises(
-        AnyNetError, match=r"expected the cameras cam1.yaml and cam0.yaml, got cam1.yaml and other.yaml"
+        AnyNetError, match=r"expected the cameras cam1.yaml and cam0.yaml that .*, got cam1.yaml and other.yaml"
     ):
         read_calibration([cameras[1], other, config])
+
+
+def test_vins_with_cameras_elsewhere_and_renamed(tmp_path: Path) -> None:
+    texts = [PINHOLE.format(name="cam").replace("461.1", focal) for focal in ("460", "500")]
+    inner = [write(tmp_path / f"cam{i}", "calib.yaml", text) for i, text in enumerate(texts)]
+    renamed = [write(tmp_path, f"{side}.yaml", text) for side, text in zip(("left", "right"), texts, strict=True)]
+    body = "%YAML:1.0\n---\ncam0_calib: ./cam0/calib.yaml\ncam1_calib: cam1/calib.yaml\n"
+    for i, x in enumerate((0, 0.11)):
+        body += matrix(f"body_T_cam{i}", [[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    config = write(tmp_path, "vins.yaml", body)
+    for order in ([0, 1], [1, 0]):
+        rig = read_rig(*(inner[i] for i in order), config)
+        assert (rig.left.matrix[0, 0], rig.right.matrix[0, 0]) == (460, 500)
+    body = body.replace("./cam0/calib", "cam0").replace("cam1/calib", "cam1")
+    for text, cameras in ((body, renamed), (body.replace("_calib: cam", "_calib: /other/cam"), inner)):
+        config.write_text(text)
+        with pytest.warns(UserWarning, match=r"expected the cameras .* that the settings name, got .*: the first is"):
+            rig = read_rig(*cameras, config)
+        assert (rig.left.matrix[0, 0], rig.right.matrix[0, 0]) == (460, 500)
 
 
 def test_zed(tmp_path: Path) -> None:
@@ -468,6 +487,10 @@ def test_depthai(tmp_path: Path) -> None:
     np.testing.assert_allclose(rig.translation, [-0.075, 0, 0], atol=1e-12)
     first = read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData={"leftCameraSocket": 0})))
     np.testing.assert_allclose(first.translation, [-0.0375, 0, 0], atol=1e-12)
+    for sockets in ((-1, -1), (0, -1), (float("nan"), 2), (1, float("inf")), (None, None)):  # -1: the device's choice
+        stereo = dict(zip(("leftCameraSocket", "rightCameraSocket"), sockets, strict=True))
+        usual = read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData=stereo)))
+        np.testing.assert_allclose(usual.translation, [-0.075, 0, 0], atol=1e-12)
     with pytest.raises(AnyNetError, match="lacks the camera on socket 7"):
         read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData={"leftCameraSocket": 7})))
 
@@ -489,14 +512,42 @@ def test_realsense(tmp_path: Path) -> None:
     places = {**others, "infrared1_to_infrared2": extrinsics, "baseline_uncertainty": 0.001}
     assert read(write(tmp_path, "rs.json", json.dumps({**device, "extrinsics": places}))) == expected
     places = {"a": extrinsics, "b": {"translation": [-0.09, 0, 0]}}
-    with pytest.raises(AnyNetError, match=r"expected the place of the right infrared camera once, got .*a.* 0\.05"):
-        read(write(tmp_path, "rs.json", json.dumps({**device, "extrinsics": places})))
+    path = write(tmp_path, "rs.json", json.dumps({**device, "extrinsics": places}))
+    with pytest.raises(
+        AnyNetError,
+        match=r"lacks one place of the right infrared camera \(it has .*a.* 0\.05, .* 0\.09\): give --baseline",
+    ):
+        read(path)
+    assert read(path, replace={"baseline": 0.05}) == expected
     device["infrared2"] = {**intrinsics, "width": 1280, "height": 720}
     with pytest.raises(AnyNetError, match=r"one width and height of both cameras, got \(848, 480\) and \(1280, 720\)"):
         read(write(tmp_path, "rs.json", json.dumps(device)))
     device["infrared2"] = {**intrinsics, "coeffs": [0.1, 0, 0, 0, 0]}
     with pytest.warns(UserWarning, match="the right camera has distortion"):
         read(write(tmp_path, "rs.json", json.dumps({**device, "baseline": 50.0})))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Stereo Baseline", "baseline_in_mm", "baselineInMm", "baseline [mm]", "depth_baseline", "infra_baseline",
+     "ir_stereo_baseline", "left_right_baseline", "baseline_cm"],
+)  # fmt: skip
+def test_realsense_with_names_of_the_baseline(tmp_path: Path, name: str) -> None:
+    camera = {"fx": 420.0, "fy": 420.0, "ppx": 422.0, "ppy": 240.0}
+    told = {name: 5 if "cm" in name else 50, "baseline_uncertainty": 0.4, "baselineError": 1, "baseline_unit": "mm"}
+    device = {"infra1": camera, "infra2": camera, **told, "color_baseline": 15}
+    assert read(write(tmp_path, "rs.json", json.dumps(device))).baseline == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("outer", ["d455_with_imu", "color_and_depth", "rgbd", "right_arm"])
+def test_realsense_within_the_map_of_a_device(tmp_path: Path, outer: str) -> None:
+    camera = {"fx": 420.0, "fy": 420.0, "ppx": 422.0, "ppy": 240.0}
+    place = {"translation": [0.05, 0, 0]}
+    for right in ({**camera, "pose": place}, {**camera, "extrinsics": place}, {"intrinsics": camera, "pose": place}):
+        pair = {"color": {**camera, "fx": 600.0}, "infra1": camera, "infra2": {**right, "ppx": 422.0}}
+        motion = {"imu": {"extrinsics": {"translation": [0.01, 0, 0]}}, "pose": {"translation": [1, 2, 3]}}
+        for device in ({outer: pair | motion}, pair | motion):
+            assert read(write(tmp_path, "rs.json", json.dumps(device))) == Calibration(420, 0.05, 422, 240)
 
 
 def test_opencv_with_the_pose_of_each_camera(tmp_path: Path) -> None:
