@@ -58,10 +58,18 @@ class Board:
         grid = np.mgrid[0:columns, 0:rows].T.reshape(-1, 2) * self.square
         return np.hstack([grid, np.zeros((len(grid), 1))]).astype(np.float32)
 
-    def find(self, image: Image) -> Corners | None:
-        """The corners seen in an image, uint8 [H, W, 3] RGB; None if the board is not found."""
+    @property
+    def patterns(self) -> tuple[bool, ...]:
+        """Where markers may be: in today's squares, and in those before OpenCV 4.6 (`legacy`) if they are others."""
+        return (False, True) if self.marker and self.rows % 2 == 0 else (False,)
+
+    def find(self, image: Image, legacy: bool = False) -> Corners | None:
+        """The corners seen in an image, uint8 [H, W, 3] RGB; None if the board is not found.
+
+        A board that leaves the image may be taken for one of the other pattern, a square aside (see `find_view`).
+        """
         gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
-        return self._find_charuco(gray) if self.marker else self._find_chessboard(gray)
+        return self._find_charuco(gray, legacy) if self.marker else self._find_chessboard(gray)
 
     def _find_chessboard(self, gray: Image) -> Corners | None:
         found, places = cv2.findChessboardCornersSB(gray, (self.columns, self.rows), flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
@@ -69,15 +77,14 @@ class Board:
             return None
         return Corners(np.arange(self.columns * self.rows), np.asarray(places, np.float32).reshape(-1, 2))
 
-    def _find_charuco(self, gray: Image) -> Corners | None:
+    def _find_charuco(self, gray: Image, legacy: bool) -> Corners | None:
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{self.dictionary}"))
         board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, dictionary)
-        for legacy in (False, True):  # boards drawn before OpenCV 4.6 have the markers in the other squares
-            board.setLegacyPattern(legacy)
-            places, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(gray)
-            if numbers is not None and len(numbers) >= 6:
-                return Corners(np.asarray(numbers, np.int64).ravel(), np.asarray(places, np.float32).reshape(-1, 2))
-        return None
+        board.setLegacyPattern(legacy)
+        places, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(gray)
+        if numbers is None or len(numbers) < 6:
+            return None
+        return Corners(np.asarray(numbers, np.int64).ravel(), np.asarray(places, np.float32).reshape(-1, 2))
 
 
 @dataclass(frozen=True)
@@ -110,10 +117,15 @@ def find_view(board: Board, name: str, left: Image, right: Image) -> View | str:
         name: for reports.
         left, right: uint8 [H, W, 3] RGB.
     """
-    first, second = board.find(left), board.find(right)
-    if first is None or second is None:
-        sides = [side for side, corners in (("left", first), ("right", second)) if corners is None]
-        return f"no board in the {' and the '.join(sides)} image"
+    lacking = {"left", "right"}
+    for legacy in board.patterns:  # one for both images, so that equal numbers are the same corner
+        first, second = board.find(left, legacy), board.find(right, legacy)
+        if first is not None and second is not None:
+            break
+        lacking &= {side for side, corners in (("left", first), ("right", second)) if corners is None}
+    else:
+        where = f"in the {' and the '.join(sorted(lacking))} image" if lacking else "of one pattern in both images"
+        return f"no board {where}"
     numbers, at, there = np.intersect1d(first.numbers, second.numbers, return_indices=True)
     if len(numbers) < 6:
         return f"only {len(numbers)} corners in both images"

@@ -50,12 +50,15 @@ def check_rectified(
     return findings or [*_negative(matches, doffs), *_beyond(matches, reach)]
 
 
+def lowest_disparity(matches: Matches) -> float:
+    """Below which no more disparities lie than by chance, pixels; infinity if too few are known."""
+    disparities = matches.disparities
+    return float(np.quantile(disparities, _BEYOND)) + 1 if len(disparities) >= FEWEST else math.inf
+
+
 def negative_disparities(matches: Matches) -> float:
     """How far the disparities go below 0, pixels; 0 if no more of them do than by chance."""
-    disparities = matches.disparities
-    if len(disparities) < FEWEST:
-        return 0.0
-    return max(0.0, -float(np.quantile(disparities, _BEYOND)) - 1)
+    return max(0.0, -lowest_disparity(matches))
 
 
 def _rows(matches: Matches, hint: str) -> list[str]:

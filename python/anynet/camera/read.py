@@ -11,7 +11,7 @@ from anynet.camera.calibration import Calibration
 from anynet.camera.document import Document, open_document
 from anynet.camera.formats import FORMATS, Format
 from anynet.camera.formats.found import Found, Request
-from anynet.camera.plausibility import check_baseline
+from anynet.camera.plausibility import UNIT_OPTION, check_baseline
 from anynet.camera.rig import StereoRig
 from anynet.camera.units import meters_per
 from anynet.errors import AnyNetError
@@ -31,6 +31,7 @@ def read_calibration(
     pair: str | None = None,
     image: str | Path | None = None,
     replace: Mapping[str, float] | None = None,
+    unit_option: str = UNIT_OPTION,
 ) -> Calibration | StereoRig:
     """Reads a calibration of any of the formats in docs/calibration.md, told apart by their content.
 
@@ -43,6 +44,7 @@ def read_calibration(
         pair: "gray" or "color", for KITTI's four cameras; by default as the image's folder says, else color.
         image: a left image, to tell that folder.
         replace: focal, baseline, cx, cy, doffs (pixels; meters) in place of the file's.
+        unit_option: what `unit` is told by, for warnings.
 
     Returns:
         A `Calibration` of rectified images, or a `StereoRig` of raw ones. Files that tell both give a `Calibration`
@@ -68,7 +70,8 @@ def read_calibration(
             result = _finished(found, replace or {})
     except AnyNetError as error:
         raise AnyNetError(str(error) if where in str(error) else f"{where}: {error}") from error
-    for warning in (*found.warnings, *check_baseline(result.baseline)):
+    hint = "--baseline is in meters" if "baseline" in (replace or {}) else ""
+    for warning in (*found.warnings, *check_baseline(result.baseline, hint, unit_option)):
         warnings.warn(f"{where}: {warning}", stacklevel=2)
     return result
 
@@ -121,8 +124,8 @@ def _finished(found: Found, replace: Mapping[str, float]) -> Calibration | Stere
         raise AnyNetError(f"expected values of {', '.join(_VALUES)} to replace, got {', '.join(sorted(unknown))}")
     if found.rig is not None and (found.raw or not found.values):
         return _raw(found, found.rig, replace)
-    if found.rig is not None and "baseline" in replace:
-        found.rig = found.rig.with_baseline(replace["baseline"])
+    if found.rig is not None and "baseline" in replace:  # cameras in one place tell no direction
+        found.rig = found.rig.with_baseline(replace["baseline"]) if found.rig.baseline > 0 else None
     values = {**found.values, **replace}
     lacking = [name for name in ("focal", "baseline") if name not in values]
     lacking += [name for name in found.lacking if name not in values and name not in lacking]
@@ -142,6 +145,7 @@ def _raw(found: Found, rig: StereoRig, replace: Mapping[str, float]) -> StereoRi
     if set(replace) - {"baseline"}:
         names = ", ".join(f"--{name}" for name in replace)
         raise AnyNetError(f"the calibration is of raw cameras: {names} cannot replace values of rectified ones")
+    rig.check_skew()
     values = {**found.values, **replace}
     if {"focal", "baseline"} <= values.keys():  # told beside the raw cameras
         rig = rig.with_rectified(_rectified(found, values))

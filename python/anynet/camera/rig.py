@@ -50,11 +50,6 @@ class Camera:
             raise AnyNetError("expected a camera matrix of 3 x 3 with focal lengths > 0")
         if abs(matrix[1, 0]) + abs(matrix[2, 0]) + abs(matrix[2, 1]) > 1e-9 or abs(matrix[2, 2] - 1) > 1e-6:
             raise AnyNetError("expected a camera matrix whose rows end in 0 0 1 below the diagonal")
-        if abs(matrix[0, 1]) > _SKEW * matrix[1, 1]:  # at the image's border, a fraction of a pixel
-            raise AnyNetError(
-                f"expected a camera matrix without skew, got {matrix[0, 1]:g} beside focal lengths of {matrix[0, 0]:g} "
-                f"and {matrix[1, 1]:g}: calibrate with square axes (cv2.fisheye's CALIB_FIX_SKEW)"
-            )
         counts = _COEFFICIENTS[self.model]
         if distortion.size and distortion.size not in counts:
             expected = ", ".join(map(str, counts))
@@ -68,6 +63,20 @@ class Camera:
     def distorted(self) -> bool:
         """Whether straight lines look bent. A fisheye camera's always do."""
         return self.model == FISHEYE or bool((np.abs(self.distortion) > 1e-9).any())
+
+    @property
+    def skewed(self) -> bool:
+        """Whether its pixels' axes are not square: by more than a fraction of a pixel at the image's border."""
+        return abs(float(self.matrix[0, 1])) > _SKEW * float(self.matrix[1, 1])
+
+    def check_skew(self) -> None:
+        """Raises AnyNetError if the pixels' axes are not square: its images cannot be rectified."""
+        if self.skewed:
+            (fx, skew, _), (_, fy, _), _ = self.matrix
+            raise AnyNetError(
+                f"expected a camera matrix without skew, got {skew:g} beside focal lengths of {fx:g} and {fy:g}: "
+                "calibrate with square axes (cv2.fisheye's CALIB_FIX_SKEW)"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +133,7 @@ class StereoRig:
         yaw = (self.rotation[0, 2] - self.rotation[2, 0]) / 2 * left[0, 0]  # which depths, not rows, suffer from
         turned = math.sqrt(2) * math.sin(_ALIGNED / 2) * 2  # Frobenius norm of a rotation by that angle, minus 1
         return (
-            not (self.left.distorted or self.right.distorted)
+            not any(camera.distorted or camera.skewed for camera in (self.left, self.right))
             and float(np.linalg.norm(self.rotation - np.eye(3))) < turned
             and abs(yaw) < _TURNED
             and float(np.abs(self.translation[1:]).max()) <= _ALIGNED * self.baseline
@@ -142,8 +151,10 @@ class StereoRig:
 
     def with_baseline(self, baseline: float) -> StereoRig:
         """The same rig with the cameras that many meters apart."""
-        if not 0 < baseline < math.inf or not self.baseline > 0:
+        if not 0 < baseline < math.inf:
             raise AnyNetError(f"calibration: expected baseline > 0, got {baseline:g}")
+        if not self.baseline > 0:
+            raise AnyNetError("expected two cameras apart, whose distance can be replaced, got a translation of 0")
         rectified = None if self.rectified is None else replace(self.rectified, baseline=baseline)
         return replace(self, translation=self.translation * (baseline / self.baseline), rectified=rectified)
 
@@ -160,7 +171,7 @@ class StereoRig:
             size: width and height of the images, where the rig does not know it; the rectified ones have the same.
 
         Raises:
-            AnyNetError: if the size is not known or another one, or the cameras do not stand side by side.
+            AnyNetError: if the size is not known or another one, or the cameras have skew or do not stand side by side.
         """
         if alpha is not None and not 0 <= alpha <= 1:
             raise AnyNetError(f"expected alpha from 0 to 1, got {alpha:g}")
@@ -171,6 +182,7 @@ class StereoRig:
             raise AnyNetError("the calibration lacks the size of its images")
         if self.left.model != self.right.model:
             raise AnyNetError(f"expected two cameras of one model, got {self.left.model} and {self.right.model}")
+        self.check_skew()
         self.check_side_by_side()
         fisheye = self.left.model == FISHEYE
         arguments = (
@@ -195,6 +207,11 @@ class StereoRig:
             doffs=float(p2[0, 2] - p1[0, 2]), size=size, origin=f"{self.origin or 'raw cameras'}, rectified", rig=self,
         )  # fmt: skip
         return Rectification(calibration, maps, _inside(maps[0], size), (r1, r2), (p1, p2))
+
+    def check_skew(self) -> None:
+        """Raises AnyNetError if a camera's pixels have no square axes."""
+        self.left.check_skew()
+        self.right.check_skew()
 
     def check_side_by_side(self) -> None:
         """Raises AnyNetError unless the second camera stands to the right of the first."""

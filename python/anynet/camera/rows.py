@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from anynet.camera.calibration import Calibration
-from anynet.camera.check import ROWS, negative_disparities
+from anynet.camera.check import ROWS, lowest_disparity
 from anynet.camera.matches import FEWEST, Matches, match_corners
 from anynet.camera.shift import min_disparity
 
@@ -113,11 +113,12 @@ class RowWatch:
         return f"matched corners lie {apart:.1f} rows apart (median): the cameras have moved; calibrate, or --fix-rows"
 
     def _below(self, matches: Matches, calibration: Calibration | None, smallest: int) -> str | None:
-        reached, needed = -negative_disparities(matches), min_disparity(calibration, matches)
+        reached, needed = lowest_disparity(matches), min_disparity(calibration, matches)
         if self._told_below or max(reached, needed) >= smallest:
             return None
         self._told_below = True
+        below = "" if calibration is None or reached >= needed else f" (doffs is {calibration.doffs:g}: no depth below)"
         return (
             f"matched corners have disparities down to {reached:.0f} pixels, which are looked for from {smallest} on: "
-            f"use --min-disparity {needed}"
+            f"use --min-disparity {needed}{below}"
         )

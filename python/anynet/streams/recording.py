@@ -120,13 +120,11 @@ class Recording(Source):
             infos = self._camera_infos(reader)
         if len(infos) == 2:
             try:
-                calibration, found_wrong = calibration_of(infos[0], infos[1], str(path))
+                rectified = any(map(_is_rectified, self.topics))
+                self.calibration, found_wrong = calibration_of(infos[0], infos[1], str(path), rectified)
+                self.warnings += found_wrong
             except AnyNetError as error:
                 self.warnings.append(str(error))
-            else:
-                self.warnings += found_wrong
-                rig = None if any(map(_is_rectified, self.topics)) else calibration.rig
-                self.calibration = calibration if rig is None else rig.with_rectified(calibration)
 
     @property
     def size(self) -> tuple[int, int] | None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from anynet.camera import Calibration
+from anynet.camera import Calibration, StereoRig
 from anynet.camera.document import Document
 from anynet.camera.formats import ros as camera_info
 from anynet.camera.formats.found import Request
@@ -162,22 +161,25 @@ def _converted(pixels: npt.NDArray[Any], encoding: str, where: str) -> npt.NDArr
         raise AnyNetError(f"{where}: {width} x {height} pixels of {encoding} make no image") from error
 
 
-def calibration_of(left: Any, right: Any, where: str) -> tuple[Calibration, list[str]]:
-    """From the sensor_msgs/CameraInfo of two cameras, with their rig if they say that the raw images are no rectified
-    pair; and what looks wrong.
+def calibration_of(left: Any, right: Any, where: str, rectified: bool) -> tuple[Calibration | StereoRig, list[str]]:
+    """From the sensor_msgs/CameraInfo of two cameras, of raw images unless they are `rectified`; and what looks wrong.
 
     Raises:
-        AnyNetError: if they are not calibrated.
+        AnyNetError: if they are not calibrated, or raw images cannot be rectified.
     """
     documents = [Document(Path(where), "json", _tree(message)) for message in (left, right)]
     try:
         found = camera_info.read(documents, Request())
         if "baseline" not in found.values:
             raise AnyNetError("P[0, 3] = -focal * baseline of the right camera is 0: was each camera calibrated alone?")
-        calibration = Calibration(**found.values)  # type: ignore[arg-type]
-        calibration = replace(calibration, size=found.size, origin=found.origin, rig=found.rig)
+        values: dict[str, Any] = {**found.values, "size": found.size, "origin": found.origin, "rig": found.rig}
+        calibration = Calibration(**values)
         warnings = [*found.warnings, *check_baseline(calibration.baseline, "camera_info is in meters")]
-        return calibration, [f"{where}: {warning}" for warning in warnings]
+        warnings = [f"{where}: {warning}" for warning in warnings]
+        if rectified or found.rig is None:
+            return calibration, warnings
+        found.rig.check_skew()
+        return found.rig.with_rectified(calibration), warnings
     except AnyNetError as error:
         raise AnyNetError(f"{where}: {error}") from error
 

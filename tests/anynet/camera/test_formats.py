@@ -423,9 +423,28 @@ def test_vins(tmp_path: Path, text: str, model: str) -> None:
         assert (rig.left.matrix[0, 0], rig.right.matrix[0, 0]) == (500.1, 461.1)
     other = write(tmp_path, "other.yaml", text.format(name="other"))
     with pytest.raises(
-        AnyNetError, match=r"expected the cameras cam1.yaml and cam0.yaml, got cam1.yaml and other.yaml"
+        AnyNetError, match=r"expected the cameras cam1.yaml and cam0.yaml that .*, got cam1.yaml and other.yaml"
     ):
         read_calibration([cameras[1], other, config])
+
+
+def test_vins_with_cameras_elsewhere_and_renamed(tmp_path: Path) -> None:
+    texts = [PINHOLE.format(name="cam").replace("461.1", focal) for focal in ("460", "500")]
+    inner = [write(tmp_path / f"cam{i}", "calib.yaml", text) for i, text in enumerate(texts)]
+    renamed = [write(tmp_path, f"{side}.yaml", text) for side, text in zip(("left", "right"), texts, strict=True)]
+    body = "%YAML:1.0\n---\ncam0_calib: ./cam0/calib.yaml\ncam1_calib: cam1/calib.yaml\n"
+    for i, x in enumerate((0, 0.11)):
+        body += matrix(f"body_T_cam{i}", [[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    config = write(tmp_path, "vins.yaml", body)
+    for order in ([0, 1], [1, 0]):
+        rig = read_rig(*(inner[i] for i in order), config)
+        assert (rig.left.matrix[0, 0], rig.right.matrix[0, 0]) == (460, 500)
+    body = body.replace("./cam0/calib", "cam0").replace("cam1/calib", "cam1")
+    for text, cameras in ((body, renamed), (body.replace("_calib: cam", "_calib: /other/cam"), inner)):
+        config.write_text(text)
+        with pytest.warns(UserWarning, match=r"expected the cameras .* that the settings name, got .*: the first is"):
+            rig = read_rig(*cameras, config)
+        assert (rig.left.matrix[0, 0], rig.right.matrix[0, 0]) == (460, 500)
 
 
 def test_zed(tmp_path: Path) -> None:
@@ -468,6 +487,10 @@ def test_depthai(tmp_path: Path) -> None:
     np.testing.assert_allclose(rig.translation, [-0.075, 0, 0], atol=1e-12)
     first = read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData={"leftCameraSocket": 0})))
     np.testing.assert_allclose(first.translation, [-0.0375, 0, 0], atol=1e-12)
+    for sockets in ((-1, -1), (0, -1), (float("nan"), 2), (1, float("inf")), (None, None)):  # -1: the device's choice
+        stereo = dict(zip(("leftCameraSocket", "rightCameraSocket"), sockets, strict=True))
+        usual = read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData=stereo)))
+        np.testing.assert_allclose(usual.translation, [-0.075, 0, 0], atol=1e-12)
     with pytest.raises(AnyNetError, match="lacks the camera on socket 7"):
         read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData={"leftCameraSocket": 7})))
 
@@ -489,14 +512,42 @@ def test_realsense(tmp_path: Path) -> None:
     places = {**others, "infrared1_to_infrared2": extrinsics, "baseline_uncertainty": 0.001}
     assert read(write(tmp_path, "rs.json", json.dumps({**device, "extrinsics": places}))) == expected
     places = {"a": extrinsics, "b": {"translation": [-0.09, 0, 0]}}
-    with pytest.raises(AnyNetError, match=r"expected the place of the right infrared camera once, got .*a.* 0\.05"):
-        read(write(tmp_path, "rs.json", json.dumps({**device, "extrinsics": places})))
+    path = write(tmp_path, "rs.json", json.dumps({**device, "extrinsics": places}))
+    with pytest.raises(
+        AnyNetError,
+        match=r"lacks one place of the right infrared camera \(it has .*a.* 0\.05, .* 0\.09\): give --baseline",
+    ):
+        read(path)
+    assert read(path, replace={"baseline": 0.05}) == expected
     device["infrared2"] = {**intrinsics, "width": 1280, "height": 720}
     with pytest.raises(AnyNetError, match=r"one width and height of both cameras, got \(848, 480\) and \(1280, 720\)"):
         read(write(tmp_path, "rs.json", json.dumps(device)))
     device["infrared2"] = {**intrinsics, "coeffs": [0.1, 0, 0, 0, 0]}
     with pytest.warns(UserWarning, match="the right camera has distortion"):
         read(write(tmp_path, "rs.json", json.dumps({**device, "baseline": 50.0})))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Stereo Baseline", "baseline_in_mm", "baselineInMm", "baseline [mm]", "depth_baseline", "infra_baseline",
+     "ir_stereo_baseline", "left_right_baseline", "baseline_cm"],
+)  # fmt: skip
+def test_realsense_with_names_of_the_baseline(tmp_path: Path, name: str) -> None:
+    camera = {"fx": 420.0, "fy": 420.0, "ppx": 422.0, "ppy": 240.0}
+    told = {name: 5 if "cm" in name else 50, "baseline_uncertainty": 0.4, "baselineError": 1, "baseline_unit": "mm"}
+    device = {"infra1": camera, "infra2": camera, **told, "color_baseline": 15}
+    assert read(write(tmp_path, "rs.json", json.dumps(device))).baseline == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("outer", ["d455_with_imu", "color_and_depth", "rgbd", "right_arm"])
+def test_realsense_within_the_map_of_a_device(tmp_path: Path, outer: str) -> None:
+    camera = {"fx": 420.0, "fy": 420.0, "ppx": 422.0, "ppy": 240.0}
+    place = {"translation": [0.05, 0, 0]}
+    for right in ({**camera, "pose": place}, {**camera, "extrinsics": place}, {"intrinsics": camera, "pose": place}):
+        pair = {"color": {**camera, "fx": 600.0}, "infra1": camera, "infra2": {**right, "ppx": 422.0}}
+        motion = {"imu": {"extrinsics": {"translation": [0.01, 0, 0]}}, "pose": {"translation": [1, 2, 3]}}
+        for device in ({outer: pair | motion}, pair | motion):
+            assert read(write(tmp_path, "rs.json", json.dumps(device))) == Calibration(420, 0.05, 422, 240)
 
 
 def test_opencv_with_the_pose_of_each_camera(tmp_path: Path) -> None:
@@ -518,23 +569,95 @@ def test_opencv_with_the_pose_of_each_camera(tmp_path: Path) -> None:
     alone = {"left": {"K": K1, "dist": D, "R": np.eye(3).tolist(), "t": [-0.5, 0, 0]}, "right": {"K": K1, "dist": D}}
     with pytest.raises(AnyNetError, match="expected t of both cameras, or once of the rig"):
         read_rig(write(tmp_path, "alone.json", json.dumps(alone)))
-    alone = {"left": {"K": K1, "dist": D}, "right": {"K": K1, "dist": D, "R": np.eye(3).tolist(), "t": [-0.5, 0, 0]}}
-    assert read_rig(write(tmp_path, "alone.json", json.dumps(alone))).translation == pytest.approx([-0.5, 0, 0])
+
+
+@pytest.mark.parametrize("names", [("left", "right"), ("cam0", "cam1"), ("camera0", "camera1"), ("0", "1"), ("L", "R")])
+def test_opencv_with_one_pose_beside_or_in_the_cameras(tmp_path: Path, names: tuple[str, str]) -> None:
+    """In the right camera's map, or outside of both, where theirs are what rectifies; or R outside, T inside."""
+    camera, upright = {"K": K1, "dist": D}, {"R": np.eye(3).tolist()}
+    pose = {"R": R.tolist(), "T": T}
+    for first, second, more in (
+        (camera, camera | pose, {}),
+        (camera, camera | {"extrinsics": pose}, {}),
+        (camera | upright, camera | upright, {"rotation": pose["R"], "translation": T}),
+        (camera | upright, camera | upright, {"stereo": pose}),
+        (camera | {"T": [0, 0, 0]}, camera | {"T": T}, {"rotation": pose["R"]}),
+    ):
+        rig = read_rig(write(tmp_path, "rig.json", json.dumps(dict(zip(names, (first, second), strict=True)) | more)))
+        np.testing.assert_allclose(rig.rotation, R, atol=1e-9)
+        np.testing.assert_allclose(rig.translation, np.ravel(T))
+    rectified = {names[0]: {"K": K1}, names[1]: {"K": K1, "T": [-0.12, 0, 0]}}
+    path = write(tmp_path, "rig.json", json.dumps(rectified))
+    assert read(path).baseline == pytest.approx(0.12)
+    assert read(path, replace={"baseline": 0.2}).baseline == 0.2
+
+
+RAW = {"K1": K1, "D1": D[0][:4], "K2": K1, "D2": D[0][:4], "R": np.eye(3).tolist(), "T": [-0.1, 0, 0]}
+RECTIFIED = {"P1": [[480, 0, 325, 0], [0, 480, 238, 0], ROWS[1]], "P2": [[480, 0, 325, -48], [0, 480, 238, 0], ROWS[1]]}
 
 
 @pytest.mark.parametrize(
     "more",
     [
-        {"model": "omnidir"},
         {"xi1": 1.2, "xi2": 1.2},
+        {"xi_left": 1.2, "xi_right": 1.2},
         {"model": "pinhole", "xi": 1.2},
-        {"distortion_model": "double_sphere"},
+        {"left": {"xi": 1.2}, "right": {"xi": 1.2}},
+        {"sensor": {"model": "OV9281"}, "right": {"model": "omnidir"}},
+        *({name: "omnidirectional"} for name in ("model1", "left_model", "camera_model_left", "lensModel", "type")),
+        *({name: "Omnidirectional camera"} for name in ("lens", "projection_model", "distortion_type")),
+        *({"model": name} for name in ("ds", "double_sphere", "Double Sphere", "eucm", "FOV", "f-theta", "fisheye62")),
+        *({"model": name} for name in ("equisolid", "stereographic", "catadioptric", "cylindrical", "unified model")),
     ],
 )
 def test_opencv_with_lenses_of_other_models(tmp_path: Path, more: dict[str, object]) -> None:
-    rig = {"K1": K1, "D1": D, "K2": K1, "D2": D, "R": np.eye(3).tolist(), "T": [-0.1, 0, 0], **more}
+    path = write(tmp_path, "rig.json", json.dumps({**RAW, **more}))
     with pytest.raises(AnyNetError, match="expected cameras of the models pinhole"):
-        read_rig(write(tmp_path, "rig.json", json.dumps(rig)))
+        read_rig(path)
+    path.write_text(json.dumps({**RAW, **more, **RECTIFIED}))
+    with pytest.warns(UserWarning, match="the raw cameras are left out: expected cameras of the models pinhole"):
+        calibration = read(path)
+    assert calibration == Calibration(480, 0.1, 325, 238)
+    assert calibration.rig is None
+    path.write_text(json.dumps({**RAW, **more, **RECTIFIED, "images": "raw"}))
+    with pytest.raises(AnyNetError, match="expected cameras of the models pinhole"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("more", "model"),
+    [
+        *(({"model": name}, "fisheye") for name in ("kb4", "KB8", "Kannala-Brandt", "cv2.fisheye", "equidistant")),
+        *(({name: "fisheye"}, "fisheye") for name in ("model_left", "cam0_model", "lens_type", "distortionModel")),
+        ({"is_fisheye": True}, "fisheye"),
+        ({"camera_model": "pinhole", "distortion_model": "equidistant"}, "fisheye"),
+        *(({"model": name}, "pinhole") for name in ("OmniVision OV9281", "DS-2CD2042", "Brown-Conrady", "radtan")),
+        *(({"lens": name}, "pinhole") for name in ("aspherical 6mm", "spherical 6mm", "M12 FOV 78", "Meiji")),
+        ({"type": "stereo", "lens": {"fov": 78}}, "pinhole"),
+    ],
+)
+def test_opencv_with_names_of_cameras_and_lenses(tmp_path: Path, more: dict[str, object], model: str) -> None:
+    found = read_rig(write(tmp_path, "rig.json", json.dumps({**RAW, **more})))
+    assert (found.left.model, found.right.model) == (model, model)
+
+
+def test_opencv_with_raw_cameras_that_are_not_usable(tmp_path: Path) -> None:
+    for wrong, message in (
+        ({"D1": [1, 2, 3]}, "expected 4, 5, 8, 12, 14 distortion coefficients"),
+        ({"K2": None}, "the calibration lacks K2 beside K1"),
+        ({"R": np.zeros((3, 3)).tolist()}, "expected a rotation between the cameras"),
+    ):
+        rig = {name: value for name, value in {**RAW, **wrong}.items() if value is not None}
+        with pytest.raises(AnyNetError, match=message):
+            read_calibration(write(tmp_path, "rig.json", json.dumps(rig)))
+        with pytest.warns(UserWarning, match=f"the raw cameras are left out: {message}"):
+            assert read(write(tmp_path, "rig.json", json.dumps({**rig, **RECTIFIED}))).baseline == pytest.approx(0.1)
+
+
+def test_raw_cameras_in_one_place_beside_rectified_values(tmp_path: Path) -> None:
+    rig = {**RAW, **RECTIFIED, "P2": RECTIFIED["P1"], "T": [0, 0, 0]}
+    calibration = read(write(tmp_path, "rig.json", json.dumps(rig)), replace={"baseline": 0.12})
+    assert (calibration.baseline, calibration.rig) == (0.12, None)
 
 
 def test_skewed_pixels_are_refused(tmp_path: Path) -> None:
@@ -542,6 +665,41 @@ def test_skewed_pixels_are_refused(tmp_path: Path) -> None:
     rig = {"K1": skewed, "D1": D, "K2": skewed, "D2": D, "R": np.eye(3).tolist(), "T": [-0.1, 0, 0]}
     with pytest.raises(AnyNetError, match="expected a camera matrix without skew, got 3"):
         read_rig(write(tmp_path, "rig.json", json.dumps(rig)))
+    for more in ({"D1": [0] * 4, "D2": [0] * 4}, {"D1": [0] * 4, "D2": [0] * 4, "T": None}):  # as of a rectified pair
+        path = write(tmp_path, "rig.json", json.dumps({k: v for k, v in {**rig, **more}.items() if v is not None}))
+        with pytest.raises(AnyNetError, match=r"expected a camera matrix without skew, got 3"):
+            read_calibration(path, replace={"baseline": 0.1})
+    device = depthai().replace("[800, 0, 640]", "[800, 2, 640]")
+    with pytest.raises(AnyNetError, match="expected a camera matrix without skew, got 2"):
+        read_rig(write(tmp_path, "oak.json", device))
+
+
+def test_skewed_pixels_beside_rectified_values(tmp_path: Path) -> None:
+    """They are of the raw images alone."""
+    paths = [
+        write(
+            tmp_path,
+            f"{along}.yaml",
+            ROS.format(name="", along=along, model="equidistant", count=4, distortion="0.1, 0, 0, 0"),
+        )
+        for along in (0, -48)
+    ]
+    for path in paths:
+        path.write_text(path.read_text().replace("[500, 0, 320", "[500, 0.3, 320"))
+    skewed = [[500, 0.3, 320], [0, 500, 240], [0, 0, 1]]
+    rig = {"K1": skewed, "D1": D, "K2": skewed, "D2": D, "R": R.tolist(), "T": T, "image_size": [640, 480]}
+    rig |= {"P1": [[480, 0, 325, 0], *ROWS], "P2": [[480, 0, 325, -48], *ROWS]}
+    rig["P1"][1] = rig["P2"][1] = [0, 480, 238, 0]  # type: ignore[index]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        both = read(*paths), read(write(tmp_path, "rig.json", json.dumps(rig)))
+    for calibration in both:
+        assert calibration == Calibration(480, 0.1, 325, 238, 0, (640, 480))
+        image = np.zeros((480, 640, 3), np.uint8)
+        with pytest.raises(AnyNetError, match=r"expected a camera matrix without skew, got 0\.3"):
+            PairPreparation(calibration, raw=True)(image, image)
+    with pytest.raises(AnyNetError, match=r"expected a camera matrix without skew, got 0\.3"):
+        read_calibration(write(tmp_path, "ours.json", json.dumps({**rig, "images": "raw"})))
 
 
 def test_kitti_pairs(tmp_path: Path) -> None:

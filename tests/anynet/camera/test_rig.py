@@ -112,6 +112,14 @@ def test_nothing_is_seen_twice() -> None:
     assert not rectification(image, image)[0][~rectification.valid & (r > 2)].any()
 
 
+def test_another_baseline() -> None:
+    assert plain().with_baseline(0.2).translation == pytest.approx([-0.2, 0, 0])
+    with pytest.raises(AnyNetError, match="expected baseline > 0, got -1"):
+        plain().with_baseline(-1)
+    with pytest.raises(AnyNetError, match=r"expected two cameras apart, .*, got a translation of 0"):
+        plain(translation=np.zeros(3)).with_baseline(0.2)
+
+
 def test_exchanged_twice_is_the_same() -> None:
     rig = rendering.rig()
     again = rig.exchanged().exchanged()
@@ -138,6 +146,7 @@ def test_fisheye() -> None:
         ({"translation": np.array([0, 0, 0.1])}, "one behind the other"),
         ({"translation": np.zeros(3)}, "expected two cameras apart"),
         ({"size": None}, "lacks the size"),
+        ({"right": Camera(K + np.diag([1.0, 0], 1), np.zeros(0))}, "without skew, got 1 beside .* of 500"),
     ],
 )
 def test_what_cannot_be_rectified(changes: dict[str, object], message: str) -> None:

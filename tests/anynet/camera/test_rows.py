@@ -79,6 +79,29 @@ def test_watch_tells_of_disparities_below_those_looked_for(pair: tuple[np.ndarra
         assert RowWatch(every=1)(*cut, calibration, smallest) is None
 
 
+def test_watch_of_disparities_from_a_positive_one_on(pair: tuple[np.ndarray, np.ndarray]) -> None:
+    """Of this pair they go from some 5 to 60 pixels."""
+    away = pair[0][:, :-20], pair[1][:, 20:]  # as many pixels larger
+    cut = pair[0][:, 20:], pair[1][:, :-20]
+    for calibration in (None, Calibration(1000, 0.2), Calibration(1000, 0.2, doffs=30)):
+        assert RowWatch(every=1)(*away, calibration, 20) is None
+        told = RowWatch(every=1)(*pair, calibration, 20)
+        assert told is not None
+        assert re.fullmatch(
+            r"matched corners have disparities down to \d+ pixels, which are looked for from 20 on: "
+            r"use --min-disparity 0",
+            told,
+        )
+    assert "which are looked for from 20 on: use --min-disparity 0" in (RowWatch(every=1)(*cut, None, 20) or "")
+
+
+def test_watch_says_where_doffs_is_the_limit(pair: tuple[np.ndarray, np.ndarray]) -> None:
+    cut = pair[0][:, 60:], pair[1][:, :-60]
+    told = RowWatch(every=1)(*cut, Calibration(1000, 0.2, doffs=5))
+    assert told is not None
+    assert re.search(r"down to -\d\d pixels, .* use --min-disparity -5 \(doffs is 5: no depth below\)$", told)
+
+
 def test_watch_says_nothing_of_what_it_cannot_see() -> None:
     flat = np.zeros((48, 64, 3), np.uint8)
     watch = RowWatch(every=1)

@@ -515,14 +515,14 @@ def test_digests_are_those_of_ros(tmp_path: Path) -> None:
 RAW_K = np.array([[90.0, 0, 9], [0, 91, 6], [0, 0, 1]])
 
 
-def with_infos(path: Path, topic: str, distortion: list[float]) -> Path:
+def with_infos(path: Path, topic: str, distortion: list[float], raw: np.ndarray = RAW_K) -> Path:
     """A rig with a baseline of 0.1 m whose right camera is turned by 0.02."""
     turned = np.array([[np.cos(0.02), 0, np.sin(0.02)], [0, 1, 0], [-np.sin(0.02), 0, np.cos(0.02)]])
     with BagWriter(path) as bag:
         for index, side in enumerate(("left", "right")):
             projection = np.array([[80.0, 0, 10 + index, -8.0 * index], [0, 80, 5, 0], [0, 0, 1, 0]])
             rotation = turned if index and distortion else np.eye(3)
-            matrix = RAW_K if distortion else projection[:, :3]
+            matrix = raw if distortion else projection[:, :3]
             bag.camera_info(f"/{side}/camera_info", (20, 12), matrix, distortion, rotation, projection)
             bag.image(f"/{side}/{topic}", images(0)[index], START)
     return path
@@ -549,6 +549,18 @@ def test_rig_of_raw_images(tmp_path: Path, name: str) -> None:
     assert rig.left.distortion[0] == 0.1
     assert rig.rectified == Calibration(80, 0.1, cx=10, cy=5, doffs=1, size=(20, 12))
     assert np.degrees(np.arccos((np.trace(rig.rotation) - 1) / 2)) == pytest.approx(np.degrees(0.02))
+
+
+def test_cameras_with_skew(tmp_path: Path) -> None:
+    """Only raw images suffer from it."""
+    skewed = RAW_K + np.diag([0.5, 0], 1)
+    with Recording(with_infos(tmp_path / "a.mcap", "image_rect", [0.1, 0, 0, 0, 0], skewed)) as source:
+        assert isinstance(source.calibration, Calibration)
+        assert source.warnings == []
+    with Recording(with_infos(tmp_path / "b.mcap", "image_raw", [0.1, 0, 0, 0, 0], skewed)) as source:
+        assert source.calibration is None
+        (warning,) = source.warnings
+    assert "b.mcap: expected a camera matrix without skew, got 0.5 beside focal lengths of 90 and 91" in warning
 
 
 def test_cameras_that_are_hardly_calibrated(tmp_path: Path) -> None:

@@ -5,7 +5,8 @@ Source: https://github.com/hengli/camodocal; https://github.com/HKUST-Aerial-Rob
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +33,10 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     cameras = [document for document in documents if "model_type" in document.fields]
     rigs = [document for document in documents if "model_type" not in document.fields]
     names = [text(rig.fields.get(f"cam{number}_calib")) for rig in rigs[:1] for number in (0, 1)]
+    found = Found("VINS")
     if names and all(names):
-        cameras = _named(names, cameras) if cameras else [open_document(rigs[0].path.parent / name) for name in names]
+        folder = rigs[0].path.parent
+        cameras = _named(names, folder, cameras, found) if cameras else [open_document(folder / name) for name in names]
     if len(cameras) != 2 or len(rigs) != 1:
         raise AnyNetError(
             "of unrectified cameras (model_type): expected the files of both cameras and the one with "
@@ -45,23 +48,29 @@ def read(documents: Sequence[Document], request: Request) -> Found:
         raise AnyNetError(f"expected two cameras of one image size, got {size} and {other}")
     first, second = (pose(field(rigs[0].fields, name), name) for name in _POSES)  # from the camera to the body
     motion = inverse(second) @ first
-    found = Found("VINS")
     translation = motion[:3, 3] * (request.meters or 1.0)
     from_rig(found, StereoRig(left, right, motion[:3, :3], translation, size, "VINS, raw cameras"))
     return found
 
 
-def _named(names: Sequence[str], cameras: Sequence[Document]) -> list[Document]:
-    """The cameras in the order of the settings, not of the options.
+def _named(names: Sequence[str], folder: Path, cameras: list[Document], found: Found) -> list[Document]:
+    """The cameras in the order of the settings, which lie in the folder; in the options' order if those name others.
 
     Raises:
-        AnyNetError: if the settings name others.
+        AnyNetError: if the settings name one of them, but not the other.
     """
-    ordered = sorted(cameras, key=lambda document: document.path.name != Path(names[0]).name)
-    given = [document.path.name for document in ordered]
-    if given != [Path(name).name for name in names]:
-        raise AnyNetError(f"expected the cameras {' and '.join(names)}, got {' and '.join(given)}")
-    return ordered
+    form: Callable[[str], str]
+    for form in (os.path.abspath, os.path.basename):
+        wanted = [form(str(folder / name)) for name in names]
+        given = {form(str(camera.path)): camera for camera in cameras}
+        if given.keys() == {*wanted}:
+            return [given[path] for path in wanted]
+    got = " and ".join(camera.path.name for camera in cameras)
+    told = f"expected the cameras {' and '.join(names)} that the settings name, got {got}"
+    if wanted[0] != wanted[1] and not given.keys().isdisjoint(wanted):
+        raise AnyNetError(told)
+    found.warnings.append(f"{told}: the first is taken for the left one")
+    return cameras
 
 
 def _camera(document: Document) -> tuple[Camera, tuple[int, int] | None]:
@@ -75,7 +84,6 @@ def _camera(document: Document) -> tuple[Camera, tuple[int, int] | None]:
     size = None
     if "image_width" in fields and "image_height" in fields:
         size = size_of([fields["image_width"], fields["image_height"]], "image_width and image_height")
-    bends = {**dict.fromkeys(distortion, "0"), **bends}
     bends = {**dict.fromkeys(distortion, "0"), **bends}
     return camera(_values(outer, intrinsics), _values(bends, distortion), model), size
 

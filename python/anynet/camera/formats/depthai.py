@@ -5,6 +5,7 @@ Source: https://docs.luxonis.com, "Calibration" (EepromHandler, CalibrationHandl
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,6 +18,7 @@ from anynet.camera.tree import Tree, number, numbers
 from anynet.errors import AnyNetError
 
 _LEFT, _RIGHT = 1, 2  # sockets of the mono cameras, unless the file says so
+_AUTO = -1  # the device's choice
 
 
 def recognizes(documents: Sequence[Document]) -> bool:
@@ -28,8 +30,12 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     cameras = _cameras(fields["cameraData"])
     stereo = fields.get("stereoRectificationData")
     stereo = stereo if isinstance(stereo, dict) else {}
-    told = (number(stereo.get(name, "")) for name in ("leftCameraSocket", "rightCameraSocket"))
-    sockets = [usual if socket is None else int(socket) for socket, usual in zip(told, (_LEFT, _RIGHT), strict=True)]
+    sockets = [
+        _socket(stereo.get(name, ""), usual)
+        for name, usual in (("leftCameraSocket", _LEFT), ("rightCameraSocket", _RIGHT))
+    ]
+    if _AUTO in sockets:
+        sockets = [_LEFT, _RIGHT]
     for socket in sockets:
         if socket not in cameras:
             raise AnyNetError(f"the calibration lacks the camera on socket {socket} (cameraData)")
@@ -42,6 +48,11 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     translation = motion[:3, 3] * (request.meters or 0.01)
     from_rig(found, StereoRig(left, right, motion[:3, :3], translation, size, "DepthAI, raw cameras"), "extrinsics")
     return found
+
+
+def _socket(node: Tree, usual: int) -> int:
+    told = number(node)
+    return int(told) if told is not None and math.isfinite(told) else usual
 
 
 def _cameras(node: Tree) -> dict[int, dict[str, Tree]]:

@@ -2,18 +2,42 @@
 
 from __future__ import annotations
 
+import re
+from itertools import pairwise
+
 import numpy as np
 
 from anynet.camera.formats.found import Matrix
+from anynet.camera.formats.names import plain
 from anynet.camera.rig import FISHEYE, PINHOLE, Camera
 from anynet.camera.tree import Tree, numbers
 from anynet.errors import AnyNetError
 
-_MODELS = {
-    "": PINHOLE, "none": PINHOLE, "pinhole": PINHOLE, "radtan": PINHOLE, "radial-tangential": PINHOLE,
-    "plumb_bob": PINHOLE, "rational_polynomial": PINHOLE, "brown_conrady": PINHOLE, "opencv": PINHOLE,
-    "equidistant": FISHEYE, "fisheye": FISHEYE, "kannala_brandt": FISHEYE, "kannalabrandt8": FISHEYE,
+_MODELS = {  # by plain names
+    "": PINHOLE, "none": PINHOLE, "pinhole": PINHOLE, "perspective": PINHOLE, "rectilinear": PINHOLE, "radtan": PINHOLE,
+    "radialtangential": PINHOLE, "plumbbob": PINHOLE, "rationalpolynomial": PINHOLE, "brownconrady": PINHOLE,
+    "opencv": PINHOLE, "equidistant": FISHEYE, "fisheye": FISHEYE, "opencvfisheye": FISHEYE, "kannalabrandt": FISHEYE,
+    "kannalabrandt4": FISHEYE, "kannalabrandt8": FISHEYE, "kb": FISHEYE, "kb4": FISHEYE, "kb8": FISHEYE,
 }  # fmt: skip
+# Other models, by names that say so in any text, and by those that may be something else's unless they are all of it.
+_OTHERS = {
+    "omnidir", "omnidirectional", "doublesphere", "eucm", "ucm", "enhancedunified", "extendedunified", "scaramuzza",
+    "ocam", "ocamcalib", "catadioptric", "equisolid", "stereographic", "equirectangular", "fisheye62", "fisheye624",
+    "fisheyerational", "thinprismfisheye", "radtanthinprismfisheye",
+}  # fmt: skip
+_OTHERS_ALONE = {
+    "omni",
+    "mei",
+    "ds",
+    "unified",
+    "fov",
+    "ftheta",
+    "division",
+    "spherical",
+    "cylindrical",
+    "orthographic",
+}
+_FILLERS = {"camera", "model", "lens", "distortion", "projection"}
 
 
 def model_of(name: str) -> str:
@@ -22,10 +46,25 @@ def model_of(name: str) -> str:
     Raises:
         AnyNetError: if it is another one.
     """
-    plain = name.strip().lower().replace("model_", "")
-    if plain not in _MODELS:
+    known = plain(name).removeprefix("model")
+    if known not in _MODELS:
         raise unknown_model(name)
-    return _MODELS[plain]
+    return _MODELS[known]
+
+
+def model_in(text: str) -> str | None:
+    """The model that a text in lower case names, such as that of a lens; None if it names none.
+
+    Raises:
+        AnyNetError: if it is another one.
+    """
+    words = [word for word in re.findall(r"[a-z0-9]+", text) if word not in _FILLERS]
+    whole = "".join(words)
+    if whole in _OTHERS_ALONE or not _OTHERS.isdisjoint({whole, *words, *map("".join, pairwise(words))}):
+        raise unknown_model(text)
+    if any(word in whole for word in ("fisheye", "equidistant", "kannala")):
+        return FISHEYE
+    return _MODELS.get(whole) if whole else None
 
 
 def unknown_model(name: str) -> AnyNetError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -36,16 +36,39 @@ class Names:
     """The fields of a tree; capitals, underscores and the like do not count, and outer maps' names may be left out."""
 
     def __init__(self, tree: Tree) -> None:
-        self._nodes: dict[str, Named] = {}
-        for path, node in walk(tree):
-            if any(word in plain(name) for name in path for word in _NOT_OF_CAMERAS):
-                continue
-            for start in range(len(path)):
-                self._nodes.setdefault(plain("".join(path[start:])), (path[-1], node))
+        self._fields = [
+            (path, node)
+            for path, node in walk(tree)
+            if not any(word in plain(name) for name in path for word in _NOT_OF_CAMERAS)
+        ]
+        self._nodes = _by_name(self._fields)
+        maps = {name for name, (_, node) in self._nodes.items() if _is_map(node)}
+        self._cameras = [sides for sides in _SIDES if {*sides} <= maps]
+        inner = {side for sides in self._cameras for side in sides}
+        self._outside = _by_name(
+            (path, node)
+            for path, node in self._fields
+            if inner.isdisjoint(map(plain, path if _is_map(node) else path[:-1]))
+        )
+        self._inside = {
+            side: _by_name((path, node) for path, node in self._fields if side in map(plain, path[:-1]))
+            for side in inner
+        }
 
     def one(self, bases: Sequence[str]) -> Named | None:
         """The first of these fields that is there."""
-        return next((self._nodes[plain(base)] for base in bases if plain(base) in self._nodes), None)
+        return _first(self._nodes, bases)
+
+    def of_the_rig(self, bases: Sequence[str]) -> Named | None:
+        """The first of these fields that is there outside of the cameras' maps."""
+        return _first(self._outside, bases)
+
+    def all(self, bases: Sequence[str]) -> list[Named]:
+        """Every field of these names, with a side before or behind or without one."""
+        names = [plain(base) for base in bases]
+        sides = {side for pair in _SIDES for side in pair}
+        wanted = {*names, *(both for name in names for side in sides for both in (name + side, side + name))}
+        return [(path[-1], node) for path, node in self._fields if plain(path[-1]) in wanted]
 
     def pair(self, bases: Sequence[str]) -> tuple[Named, Named] | None:
         """The left and the right camera's field.
@@ -67,17 +90,16 @@ class Names:
         return None
 
     def of_each(self, bases: Sequence[str]) -> tuple[Named | None, Named | None]:
-        """The field inside the left and inside the right camera's map; of one map alone if it is the left one's."""
-        only: tuple[Named | None, None] = None, None
+        """The field inside the left and inside the right camera's map."""
+        either: tuple[Named | None, Named | None] = None, None
         for base in bases:
-            for sides in _SIDES:
-                fields = [self._nodes.get(plain(side + base)) for side in sides]
-                left, right = (f if f is not None and plain(f[0]) == plain(base) else None for f in fields)
+            for sides in self._cameras:
+                left, right = (self._inside[side].get(plain(base)) for side in sides)
                 if left is not None and right is not None:
                     return left, right
-                if left is not None and sides[0] != "cam1":  # which may be the right one beside cam0
-                    only = left, None
-        return only
+                if either == (None, None):
+                    either = left, right
+        return either
 
     def size(self) -> tuple[int, int] | None:
         """Width and height of the images, if told."""
@@ -106,10 +128,25 @@ class Names:
         name = found[1].strip().lower().removesuffix("s").replace("metre", "meter")
         return meters_per(_UNITS.get(name, name))
 
-    def text(self, *names: str) -> str:
-        """A field's text in lower case; empty if it is not there."""
-        found = self.one(names)
-        return found[1].lower() if found is not None and isinstance(found[1], str) else ""
+    def texts(self, *names: str) -> list[str]:
+        """The texts of all these fields (see `all`) in lower case."""
+        return [str(node).lower() for _, node in self.all(names) if isinstance(node, (str, bool))]
+
+
+def _is_map(node: Tree) -> bool:
+    return isinstance(node, dict) and "data" not in node  # no matrix
+
+
+def _by_name(fields: Iterable[tuple[tuple[str, ...], Tree]]) -> dict[str, Named]:
+    named: dict[str, Named] = {}
+    for path, node in fields:
+        for start in range(len(path)):
+            named.setdefault(plain("".join(path[start:])), (path[-1], node))
+    return named
+
+
+def _first(nodes: dict[str, Named], bases: Sequence[str]) -> Named | None:
+    return next((nodes[plain(base)] for base in bases if plain(base) in nodes), None)
 
 
 def matrix(named: Named, rows: int, columns: int) -> Matrix:

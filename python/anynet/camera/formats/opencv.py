@@ -22,7 +22,7 @@ from anynet.camera.formats.found import (
     from_rig,
     from_values,
 )
-from anynet.camera.formats.models import unknown_model
+from anynet.camera.formats.models import model_in, unknown_model
 from anynet.camera.formats.names import Named, Names, matrix, plain
 from anynet.camera.rig import FISHEYE, PINHOLE, Camera, StereoRig
 from anynet.camera.tree import Tree, numbers, shortened
@@ -39,7 +39,8 @@ _R = ("R", "rotation", "rotationMatrix", "rot", "stereoR", "matR", "R_stereo", "
 _T = ("T", "translation", "translationVector", "translationMatrix", "trans", "stereoT", "matT", "T_stereo", "T12",
       "T_lr", "tvec", "extrinsicTranslation")  # fmt: skip
 
-_OTHER_MODELS = ("omni", "mei", "doublesphere", "unified", "eucm", "fov", "ucm", "scaramuzza", "division", "spherical")
+_MODEL = ("model", "modelType", "type", "cameraModel", "cameraType", "distortionModel", "distortionType", "lens",
+          "lensModel", "lensType", "projection", "projectionModel", "projectionType")  # fmt: skip
 
 _OF_A_CAMERA = {plain(name) for name in _P + _K + _D}
 _OF_THE_RIG = {plain(name) for name in _Q + _R + _T}
@@ -56,8 +57,6 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     found = Found("OpenCV", size=names.size())
     q = names.one(_Q)
     projections = names.pair(_P)
-    one = names.one(_K)
-    cameras = names.pair(_K) or (None if one is None else (one, one))
     if projections is not None:
         left, right = (matrix(named, 3, 4) for named in projections)
         from_projections(found, left, right, meters, f"{projections[1][0]}[0, 3] = -focal * baseline")
@@ -66,13 +65,17 @@ def read(documents: Sequence[Document], request: Request) -> Found:
             _compare(found, matrix(q, 4, 4), meters)
     elif q is not None:
         _from_q(found, matrix(q, 4, 4), q[0], meters)
-    elif cameras is None:
+    try:
+        _from_cameras(found, names, meters)
+    except AnyNetError as error:
+        if not found.values or "raw" in names.texts("images"):  # ours
+            raise
+        found.warnings.append(f"the raw cameras are left out: {error}")
+    if not found.values and found.rig is None:
         raise AnyNetError(
             "the calibration lacks Q, P1 and P2, or K and T (or give --focal and --baseline); "
             f"it has {shortened(', '.join(map(str, tree))) or 'nothing'}"
         )
-    if cameras is not None:
-        _from_cameras(found, names, cameras, meters)
     return found
 
 
@@ -134,17 +137,25 @@ def _compare(found: Found, q: Matrix, meters: float) -> None:
         found.warnings.append(f"P1, P2 and Q do not agree ({', '.join(differing)}): P1 and P2 are used")
 
 
-def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], meters: float) -> None:
-    """Enters the raw cameras, or the rectified ones if they have no distortion and no rotation."""
+def _from_cameras(found: Found, names: Names, meters: float) -> None:
+    """Enters the raw cameras, if there are any, or the rectified ones if they have no distortion and no rotation.
+
+    Raises:
+        AnyNetError: if they are not usable.
+    """
+    one = names.one(_K)
+    cameras = names.pair(_K) or (None if one is None else (one, one))
+    if cameras is None:
+        return
     distortions = names.pair(_D) or (names.one(_D),) * 2
-    told = names.text("model", "cameraModel", "distortionModel", "cameraType", "lens", "projection")
-    model = _model(names, told)
+    told = _model(names)
+    model = told or PINHOLE
     left, right = (
         Camera(_intrinsics(named), np.zeros(0) if other is None else _distortion(other), model)
         for named, other in zip(cameras, distortions, strict=True)
     )
     four = all(np.count_nonzero(camera.distortion) == camera.distortion.size == 4 for camera in (left, right))
-    if four and model == PINHOLE and not told:
+    if four and told is None:
         found.warnings.append(
             "4 distortion coefficients are taken as k1, k2, p1, p2 of a pinhole camera; if they are of cv2.fisheye, "
             "add `model: fisheye` to the file"
@@ -154,9 +165,11 @@ def _from_cameras(found: Found, names: Names, cameras: tuple[Named, Named], mete
         if rotation is not None and translation is not None:
             rig = StereoRig(left, right, rotation, translation * meters, found.size, "OpenCV, raw cameras")
             found.rig = None if rig.is_rectified else rig
-            found.raw = names.text("images") == "raw"  # ours
+            found.raw = "raw" in names.texts("images")  # ours
         return
     found.origin = "OpenCV, " + " and ".join(dict.fromkeys(name for name, _ in cameras))
+    for camera in (left, right):
+        camera.check_skew()
     raw = left.distorted or right.distorted
     if raw and (rotation is None or translation is None):
         lacking = [name for name, known in (("R", rotation), ("T", translation)) if known is None]
@@ -181,34 +194,35 @@ def _motion(names: Names) -> tuple[Matrix | None, Matrix | None]:
         AnyNetError: if only the left camera's place is told.
     """
     turns, places = names.of_each(_R), names.of_each(_T)
+    rotation, translation = names.of_the_rig(_R), names.of_the_rig(_T)
+    if turns[0] is None:  # as the left camera sees it, the same as the rig's
+        rotation = rotation or turns[1]
     if places[0] is None:
-        rotation, translation = names.one(_R), names.one(_T)
-        if rotation is not None and turns[0] is not None and rotation[1] is turns[0][1]:
-            rotation = None  # how the left image is rectified
-        return None if rotation is None else _rotation(rotation), None if translation is None else _vector(translation)
+        translation = translation or places[1]
+    if translation is not None:
+        return None if rotation is None else _rotation(rotation), _vector(translation)
+    if places[0] is None:
+        return None if rotation is None else _rotation(rotation), None
     if places[1] is None:
         raise AnyNetError(f"expected {places[0][0]} of both cameras, or once of the rig, got the left camera's")
     left, right = (np.eye(3) if named is None else _rotation(named) for named in turns)
-    turn = right @ left.T
+    turn = right @ left.T if rotation is None else _rotation(rotation)
     return turn, _vector(places[1]) - turn @ _vector(places[0])
 
 
-def _model(names: Names, told: str) -> str:
-    """The model of both lenses.
+def _model(names: Names) -> str | None:
+    """The model of both lenses, if it is named.
 
     Raises:
         AnyNetError: if it is named, or has parameters, of neither kind.
     """
-    if names.text("fisheye", "isFisheye") in ("1", "true", "yes") or any(
-        word in told for word in ("fisheye", "equidistant", "kannala")
-    ):
+    parameters = names.all(("xi",))
+    if parameters:
+        raise unknown_model(f"a lens with {parameters[0][0]}")
+    told = {model_in(text) for text in names.texts(*_MODEL)}
+    if FISHEYE in told or not {"1", "true", "yes"}.isdisjoint(names.texts("fisheye", "isFisheye")):
         return FISHEYE
-    if any(word in plain(told) for word in _OTHER_MODELS):
-        raise unknown_model(told)
-    parameter = names.one(("xi", "xi1", "xi2"))
-    if parameter is not None:
-        raise unknown_model(f"a lens with {parameter[0]}")
-    return PINHOLE
+    return PINHOLE if PINHOLE in told else None
 
 
 def _intrinsics(named: Named) -> Matrix:

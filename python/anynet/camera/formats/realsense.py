@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from itertools import takewhile
 
 import numpy as np
 
@@ -18,9 +19,9 @@ from anynet.camera.tree import Tree, numbers, walk
 from anynet.errors import AnyNetError
 
 _INTRINSICS = ("fx", "fy", "ppx", "ppy")
-_OTHER = ("color", "rgb", "fisheye")  # cameras that are not of the pair
-_NO_CAMERAS = ("accel", "gyro", "imu", "motion", "pose")  # whose places are told, too
-_BASELINE = re.compile(r"((stereo|ir|infrared)_?)?baseline(_?(m|mm|meters|millimeters))?")  # no baseline_uncertainty
+_OTHER = {"color", "rgb", "fisheye"}  # cameras that are not of the pair
+_NO_CAMERAS = {"accel", "accelerometer", "gyro", "gyroscope", "imu", "motion", "pose"}  # whose places are told, too
+_NO_LENGTHS = {"uncertainty", "error", "variance", "std", "stddev", "deviation", "tolerance"}
 _RIGHT = ("right", "infra2", "infrared2", "infrared_2", "ir2", "infra_2")
 
 
@@ -46,11 +47,16 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     for name, camera in (("left", left), ("right", right or {})):
         if "coeffs" in camera and numbers(camera["coeffs"], "coeffs").any():
             found.warnings.append(f"the {name} camera has distortion (coeffs): are the images rectified?")
-    baseline = _baseline(tree)
-    if baseline is None:
+    lengths = _lengths(tree)
+    meters = [value * usual for value, usual in lengths.values()]
+    if not meters:
         found.lacking["baseline"] = "extrinsics (translation) or baseline"
+    elif max(meters) - min(meters) > 0.01 * max(meters):
+        told = ", ".join(f"{where} {value:g}" for where, (value, _) in lengths.items())
+        found.lacking["baseline"] = f"one place of the right infrared camera (it has {told})"
     else:
-        found.values["baseline"] = baseline * (request.meters or _usual(baseline))
+        value, usual = next(iter(lengths.values()))
+        found.values["baseline"] = value * (request.meters or usual)
     return found
 
 
@@ -66,35 +72,58 @@ def _size(camera: dict[str, Tree]) -> tuple[int, int] | None:
 
 def _cameras(tree: Tree) -> list[tuple[str, dict[str, Tree]]]:
     """By the names that lead to them."""
-    nodes = [((), tree), *walk(tree)]
     found = []
-    for path, node in nodes:
-        name = ".".join(path).lower()
-        if isinstance(node, dict) and {*_INTRINSICS} <= {*node} and not any(word in name for word in _OTHER):
-            found.append((name, node))
+    for path, node in _inside(tree):
+        if isinstance(node, dict) and _is_camera(node) and not any(_words(name) & _OTHER for name in path):
+            found.append((".".join(path).lower(), node))
     return found
 
 
-def _baseline(tree: Tree) -> float | None:
-    """In meters or, as RealSense's stereo baseline option has it, millimeters.
+def _is_camera(node: Tree) -> bool:
+    return isinstance(node, dict) and {*_INTRINSICS} <= {*node}
 
-    Raises:
-        AnyNetError: if the file names several.
-    """
+
+def _inside(tree: Tree) -> list[tuple[tuple[str, ...], Tree]]:
+    """All nodes and the names that lead to them; without those of maps around the pair, such as the device's."""
+    nodes = [((), tree), *walk(tree)]
+    cameras = [path for path, node in nodes if _is_camera(node)]
+    around = len([*takewhile(lambda names: len({*names}) == 1, zip(*cameras, strict=False))])
+    if not any(word in name.lower() for path in cameras for name in path[around:] for word in _RIGHT):
+        return nodes
+    return [(path[around:] if path[:around] == cameras[0][:around] else path, node) for path, node in nodes]
+
+
+def _words(name: str) -> set[str]:
+    return {*re.findall(r"[a-z]+", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name).lower())}
+
+
+def _lengths(tree: Tree) -> dict[str, tuple[float, float]]:
+    """What may be the baseline, by the names that lead to it, and the usual meters per unit: in meters or, as
+    RealSense's stereo baseline option has it, millimeters. None is 0 unless all are: depth lies in the left camera."""
     found = {}
-    for path, node in walk(tree):
-        where, name = ".".join(path).lower(), path[-1].lower()
-        if _BASELINE.fullmatch(name) and not isinstance(node, dict):
-            found[where] = abs(float(numbers(node, name, 1)[0]))
-        elif name == "translation" and not any(word in where for word in _OTHER + _NO_CAMERAS):
-            found[where] = float(np.linalg.norm(numbers(node, name, 3)))
-    lengths = {where: value for where, value in found.items() if value}  # depth lies in the left camera
-    lengths = {where: value for where, value in lengths.items() if any(word in where for word in _RIGHT)} or lengths
-    meters = [value * _usual(value) for value in lengths.values()]
-    if meters and max(meters) - min(meters) > 0.01 * max(meters):
-        told = ", ".join(f"{where} {value:g}" for where, value in lengths.items())
-        raise AnyNetError(f"expected the place of the right infrared camera once, got {told}")
-    return next(iter((lengths or found).values()), None)
+    for path, node in _inside(tree):
+        where, name = ".".join(path).lower(), path[-1].lower() if path else ""
+        words = set[str]().union(*map(_words, path))
+        if words & _OTHER:
+            continue
+        if "baseline" in name and not isinstance(node, dict):
+            if words & _NO_LENGTHS or not re.search(r"\d", str(node)):  # such as baseline_unit
+                continue
+            value = abs(float(numbers(node, name, 1)[0]))
+            found[where] = value, 0.01 if words & {"cm", "centimeters"} else _usual(value)
+        elif name == "translation" and not _of_motion_sensor(path):
+            value = float(np.linalg.norm(numbers(node, name, 3)))
+            found[where] = value, _usual(value)
+    lengths = {where: length for where, length in found.items() if length[0]}
+    lengths = {where: length for where, length in lengths.items() if any(word in where for word in _RIGHT)} or lengths
+    return lengths or dict(list(found.items())[:1])
+
+
+def _of_motion_sensor(path: tuple[str, ...]) -> bool:
+    """Whether a place is a motion sensor's; the pose in the right camera's map is that camera's."""
+    *holders, holder, _ = ("", *path)
+    own = holder.lower() == "pose" and any(word in holders[-1].lower() for word in _RIGHT)
+    return any(_words(name) & _NO_CAMERAS for name in (holders if own else (*holders, holder)))
 
 
 def _usual(baseline: float) -> float:
