@@ -12,17 +12,18 @@ _OFF_CENTER = 0.3  # of the image, principal point from the center
 MAX_DISPARITY = 192  # pixels that the networks search
 
 
-UNIT_OPTION = "--calib-unit "
-
-
-def check_baseline(baseline: float, hint: str = "", unit: str = UNIT_OPTION) -> list[str]:
-    """One sentence if a baseline, meters, is hardly one; else none. `hint` says in its end what to do; by default,
-    to tell the unit, by the option `unit`."""
+def check_baseline(baseline: float, hint: str = "") -> list[str]:
+    """One sentence if a baseline, meters, is hardly one; else none. `hint` says in its end what to do."""
     if baseline > _LONGEST:
-        hint = hint or (f"are the calibration's lengths in millimeters or centimeters? Say it with {unit}mm (or cm, m)")
+        hint = hint or (
+            "are the calibration's lengths in millimeters or centimeters? "
+            "Say it with --calib-unit mm (or cm, m), of a data set with unit=mm"
+        )
         return [f"a baseline of {baseline:g} m is long: {hint}"]
     if baseline < _SHORTEST:
-        hint = hint or (f"are the calibration's lengths in meters? Say it with {unit}m (or mm, cm)")
+        hint = hint or (
+            "are the calibration's lengths in meters? Say it with --calib-unit m (or mm, cm), of a data set with unit=m"
+        )
         return [f"a baseline of {baseline:g} m is short: {hint}"]
     return []
 

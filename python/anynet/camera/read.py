@@ -11,7 +11,7 @@ from anynet.camera.calibration import Calibration
 from anynet.camera.document import Document, open_document
 from anynet.camera.formats import FORMATS, Format
 from anynet.camera.formats.found import Found, Request
-from anynet.camera.plausibility import UNIT_OPTION, check_baseline
+from anynet.camera.plausibility import check_baseline
 from anynet.camera.rig import StereoRig
 from anynet.camera.units import meters_per
 from anynet.errors import AnyNetError
@@ -31,7 +31,6 @@ def read_calibration(
     pair: str | None = None,
     image: str | Path | None = None,
     replace: Mapping[str, float] | None = None,
-    unit_option: str = UNIT_OPTION,
 ) -> Calibration | StereoRig:
     """Reads a calibration of any of the formats in docs/calibration.md, told apart by their content.
 
@@ -44,7 +43,6 @@ def read_calibration(
         pair: "gray" or "color", for KITTI's four cameras; by default as the image's folder says, else color.
         image: a left image, to tell that folder.
         replace: focal, baseline, cx, cy, doffs (pixels; meters) in place of the file's.
-        unit_option: what `unit` is told by, for warnings.
 
     Returns:
         A `Calibration` of rectified images, or a `StereoRig` of raw ones. Files that tell both give a `Calibration`
@@ -71,7 +69,7 @@ def read_calibration(
     except AnyNetError as error:
         raise AnyNetError(str(error) if where in str(error) else f"{where}: {error}") from error
     hint = "--baseline is in meters" if "baseline" in (replace or {}) else ""
-    for warning in (*found.warnings, *check_baseline(result.baseline, hint, unit_option)):
+    for warning in (*found.warnings, *check_baseline(result.baseline, hint)):
         warnings.warn(f"{where}: {warning}", stacklevel=2)
     return result
 

@@ -68,7 +68,6 @@ class PairFiles(Dataset):
             assert files.calibration is not None
             calibration = read_calibration(
                 files.calibration, unit=files.unit, size=(shape[1], shape[0]), image=files.left,
-                unit_option="the data set's unit=",
             )  # fmt: skip
             if not isinstance(calibration, Calibration):
                 raise AnyNetError(f"{files.calibration}: expected a calibration of rectified images, got raw cameras")
