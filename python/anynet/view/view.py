@@ -213,5 +213,4 @@ class View:
         results.write_trust(estimate)
         if pair.calibration is not None:
             results.write_depth(kept, pair.calibration, pair.left)
-        results.tell_older()
         self.page.tell(f"saved to `{self._out}`: {', '.join(Path(file).name for file in results.files.values())}")

@@ -439,6 +439,11 @@ def test_vins_with_cameras_elsewhere_and_renamed(tmp_path: Path) -> None:
     for order in ([0, 1], [1, 0]):
         rig = read_rig(*(inner[i] for i in order), config)
         assert (rig.left.matrix[0, 0], rig.right.matrix[0, 0]) == (460, 500)
+    away = tmp_path / "away"  # where the names of the files do not tell them apart
+    away.mkdir()
+    with pytest.warns(UserWarning, match=r"expected the cameras .* that the settings name, got .*: the first is"):
+        rig = read_rig(*inner, write(away, "vins.yaml", body))
+    assert (rig.left.matrix[0, 0], rig.right.matrix[0, 0]) == (460, 500)
     body = body.replace("./cam0/calib", "cam0").replace("cam1/calib", "cam1")
     for text, cameras in ((body, renamed), (body.replace("_calib: cam", "_calib: /other/cam"), inner)):
         config.write_text(text)
@@ -535,8 +540,22 @@ def test_realsense(tmp_path: Path) -> None:
 def test_realsense_with_names_of_the_baseline(tmp_path: Path, name: str) -> None:
     camera = {"fx": 420.0, "fy": 420.0, "ppx": 422.0, "ppy": 240.0}
     told = {name: 5 if "cm" in name else 50, "baseline_uncertainty": 0.4, "baselineError": 1, "baseline_unit": "mm"}
+    told |= {"baseline_date": "2024-01-02", "baseline_vector": [0.05, 0, 0], "baseline_id": 7, "baseline_in": 2}
     device = {"infra1": camera, "infra2": camera, **told, "color_baseline": 15}
     assert read(write(tmp_path, "rs.json", json.dumps(device))).baseline == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize("other", ["RGBCamera", "rgbcam", "COLORCAM", "colorintrinsics"])
+@pytest.mark.parametrize("sensor", ["IMUExtrinsics", "imuextrinsics", "IMUPose", "motionmodule", "infra1_to_RGBCamera"])
+def test_realsense_with_other_cameras_and_sensors(tmp_path: Path, other: str, sensor: str) -> None:
+    camera = {"fx": 420.0, "fy": 420.0, "ppx": 422.0, "ppy": 240.0}
+    place, elsewhere = {"translation": [0.05, 0, 0]}, {"translation": [0.01, 0, 0]}
+    pair = {other: {**camera, "fx": 600.0}, "left": camera, "right": camera, sensor: elsewhere}
+    assert read(write(tmp_path, "rs.json", json.dumps({**pair, "extrinsics": place}))) == Calibration(
+        420, 0.05, 422, 240
+    )
+    with pytest.raises(AnyNetError, match="lacks extrinsics"):
+        read(write(tmp_path, "rs.json", json.dumps(pair)))
 
 
 @pytest.mark.parametrize("outer", ["d455_with_imu", "color_and_depth", "rgbd", "right_arm"])
@@ -592,6 +611,34 @@ def test_opencv_with_one_pose_beside_or_in_the_cameras(tmp_path: Path, names: tu
     assert read(path, replace={"baseline": 0.2}).baseline == 0.2
 
 
+@pytest.mark.parametrize("other", ["imu", "lidar", "color", "base_link", "cam3", "world", "imu_extrinsics"])
+@pytest.mark.parametrize("names", [("left", "right"), ("cam0", "cam1")])
+def test_opencv_with_the_pose_of_another_sensor(tmp_path: Path, names: tuple[str, str], other: str) -> None:
+    camera, upright = {"K": K1, "dist": D}, {"R": np.eye(3).tolist(), "T": [0, 0, 0]}
+    pose = {"R": R.tolist(), "T": T}
+    elsewhere = {other: {"R": np.eye(3).tolist(), "T": [0.3, 0, 1]}}
+    for first, second, more in (
+        (camera | upright, camera | pose, {}),
+        (camera, camera | pose, {}),
+        (camera, camera, pose),
+        (camera, camera, {"stereo": pose}),
+    ):
+        cameras = dict(zip(names, (first, second), strict=True))
+        for fields in ({**elsewhere, **cameras, **more}, {**cameras, **more, **elsewhere}):
+            rig = read_rig(write(tmp_path, "rig.json", json.dumps(fields)))
+            np.testing.assert_allclose(rig.rotation, R, atol=1e-9)
+            np.testing.assert_allclose(rig.translation, np.ravel(T))
+
+
+@pytest.mark.parametrize("name", ["to_right", "right", "left_to_right"])
+def test_opencv_with_the_pose_of_the_right_camera_below_the_left_one(tmp_path: Path, name: str) -> None:
+    camera = {"K": K1, "dist": D}
+    fields = {"left": camera | {name: {"R": R.tolist(), "T": T}}, "right": camera}
+    rig = read_rig(write(tmp_path, "rig.json", json.dumps(fields)))
+    np.testing.assert_allclose(rig.rotation, R, atol=1e-9)
+    np.testing.assert_allclose(rig.translation, np.ravel(T))
+
+
 RAW = {"K1": K1, "D1": D[0][:4], "K2": K1, "D2": D[0][:4], "R": np.eye(3).tolist(), "T": [-0.1, 0, 0]}
 RECTIFIED = {"P1": [[480, 0, 325, 0], [0, 480, 238, 0], ROWS[1]], "P2": [[480, 0, 325, -48], [0, 480, 238, 0], ROWS[1]]}
 
@@ -634,11 +681,33 @@ def test_opencv_with_lenses_of_other_models(tmp_path: Path, more: dict[str, obje
         *(({"model": name}, "pinhole") for name in ("OmniVision OV9281", "DS-2CD2042", "Brown-Conrady", "radtan")),
         *(({"lens": name}, "pinhole") for name in ("aspherical 6mm", "spherical 6mm", "M12 FOV 78", "Meiji")),
         ({"type": "stereo", "lens": {"fov": 78}}, "pinhole"),
+        *(
+            ({"distortion_model": "radtan", name: "fisheye"}, "pinhole")
+            for name in ("lens", "camera_type", "projection")
+        ),
+        *(({name: text}, "pinhole") for name in ("type", "lens") for text in ("ds", "fov", "stereographic")),
+        *(({"model": name}, "pinhole") for name in ("oCam", "oCam-1CGN-U")),
+        ({"model": "fisheye", "lens": "stereographic"}, "fisheye"),
+        ({"left_images": "raw"}, "pinhole"),
     ],
 )
 def test_opencv_with_names_of_cameras_and_lenses(tmp_path: Path, more: dict[str, object], model: str) -> None:
     found = read_rig(write(tmp_path, "rig.json", json.dumps({**RAW, **more})))
     assert (found.left.model, found.right.model) == (model, model)
+
+
+@pytest.mark.parametrize("more", [{"model": "fisheye"}, {"model": "omnidirectional"}, {"xi": 1.2}])
+def test_opencv_with_a_further_camera_of_another_model(tmp_path: Path, more: dict[str, object]) -> None:
+    camera = {"K": K1, "D": D[0][:4], "model": "radtan"}
+    fields = {"left": camera, "right": camera, "R": R.tolist(), "T": T, "tracking": {"K": K1, "D": D, **more}}
+    assert read_rig(write(tmp_path, "rig.json", json.dumps(fields))).left.model == "pinhole"
+
+
+def test_opencv_with_folders_called_raw(tmp_path: Path) -> None:
+    """Only files of ours say so, by `images`."""
+    path = write(tmp_path, "rig.json", json.dumps({**RAW, "left_images": "raw", "images_right": "raw", **RECTIFIED}))
+    with pytest.warns(UserWarning, match="4 distortion coefficients"):
+        assert read(path).baseline == pytest.approx(0.1)
 
 
 def test_opencv_with_raw_cameras_that_are_not_usable(tmp_path: Path) -> None:

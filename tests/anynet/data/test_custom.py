@@ -110,7 +110,9 @@ def test_a_calibration_in_another_unit(root: Path) -> None:
     write_depth(root / "depth.tiff", np.full((6, 8), 3, np.float32))
     (root / "calib.txt").write_text(CALIBRATION.format(8))
     (root / "list.csv").write_text("left,right,depth,calibration\nleft/a.png,right/a.png,depth.tiff,calib.txt\n")
-    with pytest.warns(UserWarning, match=r"a baseline of 120 m is long: .* Say it with --calib-unit mm .*, of a data set with unit=mm"):
+    with pytest.warns(
+        UserWarning, match=r"a baseline of 120 m is long: .* Say it with --calib-unit mm .*, of a data set with unit=mm"
+    ):
         open_dataset(f"csv:{root}/list.csv?unit=m")[0]
 
 

@@ -63,11 +63,11 @@ def _named(names: Sequence[str], folder: Path, cameras: list[Document], found: F
     for form in (os.path.abspath, os.path.basename):
         wanted = [form(str(folder / name)) for name in names]
         given = {form(str(camera.path)): camera for camera in cameras}
-        if given.keys() == {*wanted}:
+        if len(given) == len(cameras) and given.keys() == {*wanted}:
             return [given[path] for path in wanted]
     got = " and ".join(camera.path.name for camera in cameras)
     told = f"expected the cameras {' and '.join(names)} that the settings name, got {got}"
-    if wanted[0] != wanted[1] and not given.keys().isdisjoint(wanted):
+    if len({*wanted}) == len(given) == len(cameras) and not given.keys().isdisjoint(wanted):
         raise AnyNetError(told)
     found.warnings.append(f"{told}: the first is taken for the left one")
     return cameras

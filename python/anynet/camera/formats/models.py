@@ -19,24 +19,15 @@ _MODELS = {  # by plain names
     "opencv": PINHOLE, "equidistant": FISHEYE, "fisheye": FISHEYE, "opencvfisheye": FISHEYE, "kannalabrandt": FISHEYE,
     "kannalabrandt4": FISHEYE, "kannalabrandt8": FISHEYE, "kb": FISHEYE, "kb4": FISHEYE, "kb8": FISHEYE,
 }  # fmt: skip
-# Other models, by names that say so in any text, and by those that may be something else's unless they are all of it.
+# Other models, by names that say so in any text, and by those that are something else's unless they are all of it.
 _OTHERS = {
     "omnidir", "omnidirectional", "doublesphere", "eucm", "ucm", "enhancedunified", "extendedunified", "scaramuzza",
-    "ocam", "ocamcalib", "catadioptric", "equisolid", "stereographic", "equirectangular", "fisheye62", "fisheye624",
-    "fisheyerational", "thinprismfisheye", "radtanthinprismfisheye",
+    "ocamcalib", "fisheye62", "fisheye624", "fisheyerational", "thinprismfisheye", "radtanthinprismfisheye",
 }  # fmt: skip
 _OTHERS_ALONE = {
-    "omni",
-    "mei",
-    "ds",
-    "unified",
-    "fov",
-    "ftheta",
-    "division",
-    "spherical",
-    "cylindrical",
-    "orthographic",
-}
+    "omni", "mei", "ds", "unified", "fov", "ftheta", "division", "spherical", "cylindrical", "orthographic",
+    "catadioptric", "equisolid", "stereographic", "equirectangular",
+}  # fmt: skip
 _FILLERS = {"camera", "model", "lens", "distortion", "projection"}
 
 
@@ -52,15 +43,17 @@ def model_of(name: str) -> str:
     return _MODELS[known]
 
 
-def model_in(text: str) -> str | None:
-    """The model that a text in lower case names, such as that of a lens; None if it names none.
+def model_of_text(text: str, of_a_lens: bool = False) -> str | None:
+    """The model that a text in lower case names; None if it names none, but a camera. `of_a_lens`: perhaps a lens.
 
     Raises:
         AnyNetError: if it is another one.
     """
     words = [word for word in re.findall(r"[a-z0-9]+", text) if word not in _FILLERS]
     whole = "".join(words)
-    if whole in _OTHERS_ALONE or not _OTHERS.isdisjoint({whole, *words, *map("".join, pairwise(words))}):
+    if (whole in _OTHERS_ALONE and not of_a_lens) or not _OTHERS.isdisjoint(
+        {whole, *words, *map("".join, pairwise(words))}
+    ):
         raise unknown_model(text)
     if any(word in whole for word in ("fisheye", "equidistant", "kannala")):
         return FISHEYE

@@ -24,6 +24,11 @@ _SIDES = (
     ("leftcam", "rightcam"), ("caml", "camr"), ("first", "second"), ("master", "slave"), ("a", "b"),
 )  # fmt: skip
 _NOT_OF_CAMERAS = ("board", "pattern", "square", "chess", "marker", "target", "corner")
+_OF_A_RIG = ("stereo", "extrinsic", "pose", "transform", "relative")
+_SENSORS = (
+    "imu", "accel", "gyro", "lidar", "velo", "laser", "color", "rgb", "body", "base", "world", "robot", "gps", "depth",
+    "projector", "ground",
+)  # fmt: skip
 _SIZES = ("imageSize", "imgSize", "size", "imageResolution", "resolution", "res", "frameSize", "calibrationSize")
 _SHAPES = ("imageShape", "imgShape", "shape", "frameShape")  # as arrays have it: height, width
 _SIDE_LENGTHS = (
@@ -45,14 +50,28 @@ class Names:
         maps = {name for name, (_, node) in self._nodes.items() if _is_map(node)}
         self._cameras = [sides for sides in _SIDES if {*sides} <= maps]
         inner = {side for sides in self._cameras for side in sides}
-        self._outside = _by_name(
-            (path, node)
+        around = {path[:-1] for path, node in self._fields if plain(path[-1]) in inner and _is_map(node)} | {()}
+        self._inside: dict[str, dict[str, Named]] = {side: {} for side in inner}
+        self._outside: dict[str, Named] = {}
+        self._elsewhere: dict[str, Named] = {}
+        for path, node in self._fields:
+            if _is_map(node):  # even if it is called R
+                continue
+            holders = [plain(name) for name in path[:-1]]
+            sides = [i for i, name in enumerate(holders) if name in inner]
+            own = holders[sides[-1] + 1 :] if sides else holders
+            neutral = not own or (len(own) == 1 and _is_neutral(own[0]))
+            if sides and neutral:
+                place = self._inside[holders[sides[-1]]]
+            elif not sides and (neutral or path[:-1] in around):
+                place = self._outside
+            else:
+                place = self._elsewhere
+            place.setdefault(plain(path[-1]), (path[-1], node))
+        self._further = {
+            path
             for path, node in self._fields
-            if inner.isdisjoint(map(plain, path if _is_map(node) else path[:-1]))
-        )
-        self._inside = {
-            side: _by_name((path, node) for path, node in self._fields if side in map(plain, path[:-1]))
-            for side in inner
+            if inner and inner.isdisjoint(map(plain, path)) and isinstance(node, dict) and _is_camera(node)
         }
 
     def one(self, bases: Sequence[str]) -> Named | None:
@@ -60,15 +79,23 @@ class Names:
         return _first(self._nodes, bases)
 
     def of_the_rig(self, bases: Sequence[str]) -> Named | None:
-        """The first of these fields that is there outside of the cameras' maps."""
+        """The first of these fields that is there beside the cameras, or in a map such as `stereo`."""
         return _first(self._outside, bases)
 
+    def of_anything(self, bases: Sequence[str]) -> Named | None:
+        """The first of these fields in other maps: it may be the rig's, or that of another sensor."""
+        return _first(self._elsewhere, bases)
+
     def all(self, bases: Sequence[str]) -> list[Named]:
-        """Every field of these names, with a side before or behind or without one."""
+        """Every field of these names, with a side before or behind or without one; but for those of further cameras."""
         names = [plain(base) for base in bases]
         sides = {side for pair in _SIDES for side in pair}
         wanted = {*names, *(both for name in names for side in sides for both in (name + side, side + name))}
-        return [(path[-1], node) for path, node in self._fields if plain(path[-1]) in wanted]
+        return [
+            (path[-1], node)
+            for path, node in self._fields
+            if plain(path[-1]) in wanted and not any(path[: len(other)] == other for other in self._further)
+        ]
 
     def pair(self, bases: Sequence[str]) -> tuple[Named, Named] | None:
         """The left and the right camera's field.
@@ -135,6 +162,15 @@ class Names:
 
 def _is_map(node: Tree) -> bool:
     return isinstance(node, dict) and "data" not in node  # no matrix
+
+
+def _is_camera(node: dict[str, Tree]) -> bool:
+    return not {"k", "intrinsics", "cameramatrix"}.isdisjoint(map(plain, node))
+
+
+def _is_neutral(name: str) -> bool:
+    """Whether a map of that name tells how the cameras stand to each other, not where another sensor is."""
+    return name == "rig" or (any(word in name for word in _OF_A_RIG) and not any(word in name for word in _SENSORS))
 
 
 def _by_name(fields: Iterable[tuple[tuple[str, ...], Tree]]) -> dict[str, Named]:

@@ -22,7 +22,7 @@ from anynet.camera.formats.found import (
     from_rig,
     from_values,
 )
-from anynet.camera.formats.models import model_in, unknown_model
+from anynet.camera.formats.models import model_of_text, unknown_model
 from anynet.camera.formats.names import Named, Names, matrix, plain
 from anynet.camera.rig import FISHEYE, PINHOLE, Camera, StereoRig
 from anynet.camera.tree import Tree, numbers, shortened
@@ -39,8 +39,8 @@ _R = ("R", "rotation", "rotationMatrix", "rot", "stereoR", "matR", "R_stereo", "
 _T = ("T", "translation", "translationVector", "translationMatrix", "trans", "stereoT", "matT", "T_stereo", "T12",
       "T_lr", "tvec", "extrinsicTranslation")  # fmt: skip
 
-_MODEL = ("model", "modelType", "type", "cameraModel", "cameraType", "distortionModel", "distortionType", "lens",
-          "lensModel", "lensType", "projection", "projectionModel", "projectionType")  # fmt: skip
+_MODEL = ("model", "modelType", "cameraModel", "distortionModel", "distortionType")
+_LENS = ("cameraType", "lens", "lensModel", "lensType", "projection", "projectionModel", "projectionType", "type")
 
 _OF_A_CAMERA = {plain(name) for name in _P + _K + _D}
 _OF_THE_RIG = {plain(name) for name in _Q + _R + _T}
@@ -65,10 +65,11 @@ def read(documents: Sequence[Document], request: Request) -> Found:
             _compare(found, matrix(q, 4, 4), meters)
     elif q is not None:
         _from_q(found, matrix(q, 4, 4), q[0], meters)
+    raw = str(tree.get("images")).lower() == "raw"  # in files of ours
     try:
-        _from_cameras(found, names, meters)
+        _from_cameras(found, names, meters, raw)
     except AnyNetError as error:
-        if not found.values or "raw" in names.texts("images"):  # ours
+        if not found.values or raw:
             raise
         found.warnings.append(f"the raw cameras are left out: {error}")
     if not found.values and found.rig is None:
@@ -137,7 +138,7 @@ def _compare(found: Found, q: Matrix, meters: float) -> None:
         found.warnings.append(f"P1, P2 and Q do not agree ({', '.join(differing)}): P1 and P2 are used")
 
 
-def _from_cameras(found: Found, names: Names, meters: float) -> None:
+def _from_cameras(found: Found, names: Names, meters: float, raw: bool) -> None:
     """Enters the raw cameras, if there are any, or the rectified ones if they have no distortion and no rotation.
 
     Raises:
@@ -165,13 +166,12 @@ def _from_cameras(found: Found, names: Names, meters: float) -> None:
         if rotation is not None and translation is not None:
             rig = StereoRig(left, right, rotation, translation * meters, found.size, "OpenCV, raw cameras")
             found.rig = None if rig.is_rectified else rig
-            found.raw = "raw" in names.texts("images")  # ours
+            found.raw = raw
         return
     found.origin = "OpenCV, " + " and ".join(dict.fromkeys(name for name, _ in cameras))
     for camera in (left, right):
         camera.check_skew()
-    raw = left.distorted or right.distorted
-    if raw and (rotation is None or translation is None):
+    if (left.distorted or right.distorted) and (rotation is None or translation is None):
         lacking = [name for name, known in (("R", rotation), ("T", translation)) if known is None]
         raise AnyNetError(
             f"of unrectified cameras (distortion is not 0): the calibration lacks {' and '.join(lacking)}; "
@@ -199,6 +199,8 @@ def _motion(names: Names) -> tuple[Matrix | None, Matrix | None]:
         rotation = rotation or turns[1]
     if places[0] is None:
         translation = translation or places[1]
+    if None in places and translation is None:
+        rotation, translation = rotation or names.of_anything(_R), names.of_anything(_T)
     if translation is not None:
         return None if rotation is None else _rotation(rotation), _vector(translation)
     if places[0] is None:
@@ -219,10 +221,12 @@ def _model(names: Names) -> str | None:
     parameters = names.all(("xi",))
     if parameters:
         raise unknown_model(f"a lens with {parameters[0][0]}")
-    told = {model_in(text) for text in names.texts(*_MODEL)}
-    if FISHEYE in told or not {"1", "true", "yes"}.isdisjoint(names.texts("fisheye", "isFisheye")):
+    if not {"1", "true", "yes"}.isdisjoint(names.texts("fisheye", "isFisheye")):
         return FISHEYE
-    return PINHOLE if PINHOLE in told else None
+    told = {model_of_text(text) for text in names.texts(*_MODEL)} - {None} or {
+        model_of_text(text, of_a_lens=True) for text in names.texts(*_LENS)
+    }
+    return FISHEYE if FISHEYE in told else PINHOLE if PINHOLE in told else None
 
 
 def _intrinsics(named: Named) -> Matrix:

@@ -15,13 +15,14 @@ import numpy as np
 from anynet.camera.document import Document
 from anynet.camera.formats.found import Found, Request, camera_values, from_values
 from anynet.camera.formats.models import size_of
+from anynet.camera.formats.names import plain
 from anynet.camera.tree import Tree, numbers, walk
 from anynet.errors import AnyNetError
 
 _INTRINSICS = ("fx", "fy", "ppx", "ppy")
-_OTHER = {"color", "rgb", "fisheye"}  # cameras that are not of the pair
-_NO_CAMERAS = {"accel", "accelerometer", "gyro", "gyroscope", "imu", "motion", "pose"}  # whose places are told, too
-_NO_LENGTHS = {"uncertainty", "error", "variance", "std", "stddev", "deviation", "tolerance"}
+_OTHER = ("color", "rgb", "fisheye")  # cameras that are not of the pair
+_NO_CAMERAS = ("accel", "gyro", "imu", "motion", "pose")  # whose places are told, too
+_BASELINE = re.compile(r"(stereo|infrared|infra|ir|depth|left|right)*baseline((in)?(m|mm|cm|(milli|centi)?meters))?")
 _RIGHT = ("right", "infra2", "infrared2", "infrared_2", "ir2", "infra_2")
 
 
@@ -74,7 +75,7 @@ def _cameras(tree: Tree) -> list[tuple[str, dict[str, Tree]]]:
     """By the names that lead to them."""
     found = []
     for path, node in _inside(tree):
-        if isinstance(node, dict) and _is_camera(node) and not any(_words(name) & _OTHER for name in path):
+        if isinstance(node, dict) and _is_camera(node) and not _names_any(path, _OTHER):
             found.append((".".join(path).lower(), node))
     return found
 
@@ -93,8 +94,8 @@ def _inside(tree: Tree) -> list[tuple[tuple[str, ...], Tree]]:
     return [(path[around:] if path[:around] == cameras[0][:around] else path, node) for path, node in nodes]
 
 
-def _words(name: str) -> set[str]:
-    return {*re.findall(r"[a-z]+", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name).lower())}
+def _names_any(path: Sequence[str], words: Sequence[str]) -> bool:
+    return any(word in name.lower() for name in path for word in words)
 
 
 def _lengths(tree: Tree) -> dict[str, tuple[float, float]]:
@@ -102,16 +103,13 @@ def _lengths(tree: Tree) -> dict[str, tuple[float, float]]:
     RealSense's stereo baseline option has it, millimeters. None is 0 unless all are: depth lies in the left camera."""
     found = {}
     for path, node in _inside(tree):
-        where, name = ".".join(path).lower(), path[-1].lower() if path else ""
-        words = set[str]().union(*map(_words, path))
-        if words & _OTHER:
+        where, name = ".".join(path).lower(), plain(path[-1]) if path else ""
+        if _names_any(path, _OTHER):
             continue
-        if "baseline" in name and not isinstance(node, dict):
-            if words & _NO_LENGTHS or not re.search(r"\d", str(node)):  # such as baseline_unit
-                continue
-            value = abs(float(numbers(node, name, 1)[0]))
-            found[where] = value, 0.01 if words & {"cm", "centimeters"} else _usual(value)
-        elif name == "translation" and not _of_motion_sensor(path):
+        if _BASELINE.fullmatch(name) and not isinstance(node, dict):
+            value = abs(float(numbers(node, path[-1], 1)[0]))
+            found[where] = value, 0.01 if name.endswith(("cm", "centimeters")) else _usual(value)
+        elif name == "translation" and not _names_any(_holders(path), _NO_CAMERAS):
             value = float(np.linalg.norm(numbers(node, name, 3)))
             found[where] = value, _usual(value)
     lengths = {where: length for where, length in found.items() if length[0]}
@@ -119,11 +117,10 @@ def _lengths(tree: Tree) -> dict[str, tuple[float, float]]:
     return lengths or dict(list(found.items())[:1])
 
 
-def _of_motion_sensor(path: tuple[str, ...]) -> bool:
-    """Whether a place is a motion sensor's; the pose in the right camera's map is that camera's."""
-    *holders, holder, _ = ("", *path)
-    own = holder.lower() == "pose" and any(word in holders[-1].lower() for word in _RIGHT)
-    return any(_words(name) & _NO_CAMERAS for name in (holders if own else (*holders, holder)))
+def _holders(path: Sequence[str]) -> Sequence[str]:
+    """The maps around a place, but for `pose` in the right camera's map, which is that camera's."""
+    own = len(path) > 2 and path[-2].lower() == "pose" and _names_any(path[-3:-2], _RIGHT)
+    return path[:-2] if own else path[:-1]
 
 
 def _usual(baseline: float) -> float:
