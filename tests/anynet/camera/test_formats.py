@@ -630,6 +630,15 @@ def test_opencv_with_the_pose_of_another_sensor(tmp_path: Path, names: tuple[str
             np.testing.assert_allclose(rig.translation, np.ravel(T))
 
 
+def test_opencv_with_three_cameras(tmp_path: Path) -> None:
+    """The first two are the pair."""
+    camera, upright = {"K": K1, "dist": D}, {"R": np.eye(3).tolist()}
+    fields = {f"cam{i}": camera | upright | {"T": [-0.1 * i * (i + 1), 0, 0]} for i in range(3)}
+    np.testing.assert_allclose(
+        read_rig(write(tmp_path, "rig.json", json.dumps(fields))).translation, [-0.2, 0, 0], atol=1e-12
+    )
+
+
 @pytest.mark.parametrize("name", ["to_right", "right", "left_to_right"])
 def test_opencv_with_the_pose_of_the_right_camera_below_the_left_one(tmp_path: Path, name: str) -> None:
     camera = {"K": K1, "dist": D}

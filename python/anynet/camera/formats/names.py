@@ -19,8 +19,8 @@ _UNITS = {
 }  # fmt: skip
 
 _SIDES = (
-    ("1", "2"), ("left", "right"), ("l", "r"), ("0", "1"), ("cam1", "cam2"), ("cam0", "cam1"), ("camera1", "camera2"),
-    ("camera0", "camera1"), ("leftcamera", "rightcamera"), ("cameraleft", "cameraright"), ("camleft", "camright"),
+    ("1", "2"), ("left", "right"), ("l", "r"), ("0", "1"), ("cam0", "cam1"), ("cam1", "cam2"), ("camera0", "camera1"),
+    ("camera1", "camera2"), ("leftcamera", "rightcamera"), ("cameraleft", "cameraright"), ("camleft", "camright"),
     ("leftcam", "rightcam"), ("caml", "camr"), ("first", "second"), ("master", "slave"), ("a", "b"),
 )  # fmt: skip
 _NOT_OF_CAMERAS = ("board", "pattern", "square", "chess", "marker", "target", "corner")
