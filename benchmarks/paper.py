@@ -34,7 +34,7 @@ from measure import console, options, subplots, write_json
 from rich.console import Console
 
 from anynet import AnyNet, AnyNetConfig, save_checkpoint
-from anynet.baselines import MODELS, BaselineConfig, BaselineModel, BaselinePredictor
+from anynet.baselines import MODELS, BaselinePredictor, random_baseline
 from anynet.checkpoint import find_weights
 from anynet.data import StereoSample, open_dataset
 from anynet.evaluation import opencv, report
@@ -371,9 +371,8 @@ def times_of(
 def random_weights(work: Work, point: Point) -> Method:
     """For times, which do not depend on the weights."""
     if point.baseline is not None:
-        scale = point.recipe.input_scale
-        config = BaselineConfig(model=point.baseline, input_scale=1 if scale is None else scale)
-        return BaselinePredictor(BaselineModel(config), threads=work.threads).stages
+        random = random_baseline(point.baseline, point.recipe.input_scale)
+        return BaselinePredictor(random, threads=work.threads).stages
     path = work.runs / point.name / "random.safetensors"
     path.parent.mkdir(parents=True, exist_ok=True)
     save_checkpoint(path, AnyNet(point.recipe.network))

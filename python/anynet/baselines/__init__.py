@@ -8,7 +8,14 @@ from __future__ import annotations
 
 from anynet.baselines.baseline import Baseline
 from anynet.baselines.dispnet import DispNetC
-from anynet.baselines.model import MODELS, BaselineConfig, BaselineModel, BaselinePredictor, load_baseline
+from anynet.baselines.model import (
+    MODELS,
+    BaselineConfig,
+    BaselineModel,
+    BaselinePredictor,
+    load_baseline,
+    random_baseline,
+)
 from anynet.baselines.psmnet import PSMNet, PSMNetBasic
 from anynet.baselines.stereodnn import NVTiny, ResNet18Correlation
 from anynet.baselines.stereonet import StereoNet
@@ -26,4 +33,5 @@ __all__ = [
     "ResNet18Correlation",
     "StereoNet",
     "load_baseline",
+    "random_baseline",
 ]

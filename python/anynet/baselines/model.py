@@ -140,6 +140,11 @@ def stored_config(path: Path) -> BaselineConfig | None:
         raise AnyNetError(f"{path}: {error}") from None
 
 
+def random_baseline(model: str, input_scale: float | None = None) -> BaselineModel:
+    """The baseline of that name with random weights, on images as they are unless `input_scale` says otherwise."""
+    return BaselineModel(BaselineConfig(model=model, input_scale=1 if input_scale is None else input_scale))
+
+
 def load_baseline(path: str | os.PathLike[str], input_scale: float | None = None) -> BaselineModel:
     """The baseline with its weights, in eval mode, on the CPU.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from enum import Enum
-from itertools import count, product
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -96,7 +96,7 @@ def evaluate(
     import cv2
 
     from anynet import Predictor
-    from anynet.baselines import BaselineConfig, BaselineModel, BaselinePredictor
+    from anynet.baselines import BaselinePredictor, random_baseline
     from anynet.data import open_dataset
     from anynet.data.files import PairFiles
     from anynet.evaluation import opencv, perturbed, report
@@ -140,8 +140,7 @@ def evaluate(
         opened = open_method(name, device=device, precision=precision, threads=threads, input_scale=input_scale)
         methods.append((name, opened))
     for name in model or []:
-        scale = 1 if input_scale is None else input_scale
-        random = BaselineModel(BaselineConfig(model=name, input_scale=scale))
+        random = random_baseline(name, input_scale)
         methods.append((f"{name}, random weights", BaselinePredictor(random, device=device, threads=threads).stages))
     for choice in method or []:
         methods.append((f"OpenCV {choice.value.upper()}", {"bm": opencv.bm, "sgbm": opencv.sgbm}[choice.value]))
@@ -161,10 +160,12 @@ def evaluate(
     rounds = (
         [(dict([m]), d) for m, d in zip(methods, named, strict=True)] if splits else [(dict(methods), d) for d in named]
     )
+    figures = []
     if out is not None and not perturbations:
+        figures = [out / f"{n}.png" for n in range(sum(len(runs) for runs, _ in rounds))]
         read = [vars(f).values() for _, samples in named if isinstance(samples, PairFiles) for f in samples.files]
         inputs = file_ids(path for paths in read for path in paths if isinstance(path, Path))
-        check_not_inputs((out / f"{n}.png" for n in range(sum(len(runs) for runs, _ in rounds))), inputs)
+        check_not_inputs(figures, inputs)
     progress = Console(stderr=True)
     if perturbations:
         tables: dict[str, report.Results] = {perturbed.CLEAN: {}, **{name: {} for name in perturbations}}
@@ -196,13 +197,13 @@ def evaluate(
             text = (report.splits_markdown(list(results.values())) if splits else report.markdown(results)) + origin
             _tell_results(text, report.to_json(results), out, "results")
     if out is not None:
-        numbers = count()
+        following = iter(figures)
         for runs, (_, samples) in rounds:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # it was told
                 pair = next(prepared(with_truth(samples), prepare))
             for run in runs.values():
-                write_image(out / f"{next(numbers)}.png", report.figure(pair.method(run), pair.sample))
+                write_image(next(following), report.figure(pair.method(run), pair.sample))
 
 
 def _tell_results(text: str, values: object, out: Path | None, name: str) -> None:

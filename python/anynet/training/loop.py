@@ -18,7 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
-from anynet.baselines.model import BaselineConfig, BaselineModel, load_baseline, stored_config
+from anynet.baselines.model import BaselineModel, load_baseline, random_baseline, stored_config
 from anynet.checkpoint import find_weights, load_checkpoint, load_partial, save_checkpoint
 from anynet.data import StereoSample, open_datasets
 from anynet.device import HostCopy
@@ -87,7 +87,7 @@ def _begun(recipe: Recipe) -> AnyNet | BaselineModel:
     """The network as the run begins with it."""
     network, scale = recipe.network, recipe.input_scale
     if recipe.model is not None:
-        return BaselineModel(BaselineConfig(model=recipe.model, input_scale=1 if scale is None else scale))
+        return random_baseline(recipe.model, scale)
     if recipe.weights is None:
         return AnyNet(network)
     if recipe.load_partial:
