@@ -38,9 +38,14 @@ _SIDE_LENGTHS = (
 
 
 class Names:
-    """The fields of a tree; capitals, underscores and the like do not count, and outer maps' names may be left out."""
+    """The fields of a tree; capitals, underscores and the like do not count, and outer maps' names may be left out.
 
-    def __init__(self, tree: Tree) -> None:
+    Args:
+        tree: as a file holds them.
+        matrices: names that camera matrices may have, by which maps of further cameras are known.
+    """
+
+    def __init__(self, tree: Tree, matrices: Sequence[str]) -> None:
         self._fields = [
             (path, node)
             for path, node in walk(tree)
@@ -68,11 +73,13 @@ class Names:
             else:
                 place = self._elsewhere
             place.setdefault(plain(path[-1]), (path[-1], node))
+        named = {plain(name) for name in matrices}
         self._further = {
             path
             for path, node in self._fields
-            if inner and inner.isdisjoint(map(plain, path)) and isinstance(node, dict) and _is_camera(node)
-        }
+            if inner and inner.isdisjoint(map(plain, path)) and isinstance(node, dict)
+            and not named.isdisjoint(map(plain, node))
+        }  # fmt: skip
 
     def one(self, bases: Sequence[str]) -> Named | None:
         """The first of these fields that is there."""
@@ -164,10 +171,6 @@ def _is_map(node: Tree) -> bool:
     return isinstance(node, dict) and "data" not in node  # no matrix
 
 
-def _is_camera(node: dict[str, Tree]) -> bool:
-    return not {"k", "intrinsics", "cameramatrix"}.isdisjoint(map(plain, node))
-
-
 def _is_neutral(name: str) -> bool:
     """Whether a map of that name tells how the cameras stand to each other, not where another sensor is."""
     return name == "rig" or (any(word in name for word in _OF_A_RIG) and not any(word in name for word in _SENSORS))
@@ -210,7 +213,7 @@ def whole(value: float, name: str) -> int:
 
 
 def _size(name: str, node: Tree) -> tuple[int, ...]:
-    if isinstance(node, dict) and "data" not in node:
+    if _is_map(node):
         return ()  # a map of width and height: found by their names
     values = numbers(node, name)
     return tuple(whole(value, name) for value in values[:2]) if values.size in (2, 3) else ()

@@ -52,7 +52,7 @@ def recognizes(documents: Sequence[Document]) -> bool:
 
 def read(documents: Sequence[Document], request: Request) -> Found:
     tree = _merged(documents)
-    names = Names(tree)
+    names = Names(tree, _K)
     meters = request.meters or names.meters() or 1.0
     found = Found("OpenCV", size=names.size())
     q = names.one(_Q)
