@@ -77,7 +77,7 @@ class Loop:
         self._changed = threading.Condition(threading.RLock())
         self._thread: threading.Thread | None = None
         self._waiting: tuple[Submission, Copies] | None = None
-        self._cancelled = 0  # frames up to this number are not to be worked on
+        self._canceled = 0  # frames up to this number are not to be worked on
         self._latest: tuple[Submission, Estimate] | None = None
         self._ended: tuple[Submission, Estimate] | None = None
         self._error: BaseException | None = None
@@ -115,7 +115,7 @@ class Loop:
     def cancel(self) -> None:
         with self._changed:
             self._waiting = None
-            self._cancelled = self._submitted
+            self._canceled = self._submitted
 
     def stop(self) -> None:
         with self._changed:
@@ -167,10 +167,10 @@ class Loop:
             self._latencies[estimate.stage].measured(end - begin)
             begin = end
             with self._changed:
-                cancelled = frame.number <= self._cancelled
-                if not cancelled or estimate.stage == 1:
+                canceled = frame.number <= self._canceled
+                if not canceled or estimate.stage == 1:
                     self._latest = frame, estimate
-                if cancelled or estimate.stage >= self._stage or (self._preempt and self._waiting is not None):
+                if canceled or estimate.stage >= self._stage or (self._preempt and self._waiting is not None):
                     return
             following = self._latencies[estimate.stage + 1]
             elapsed = end - start

@@ -173,15 +173,16 @@ def _write(
 
     truth = np.where(sample.valid, sample.disparity, np.float32(np.nan)) if sample.valid.any() else None
     stages = [(f"stage {e.stage} ({t:.1f} ms)", e.disparity) for e, t in zip(estimates, times, strict=True)]
-    files = [out / "stages.png"]
-    write_image(files[0], stages_image(pair.left, stages, truth))
+    picture, cloud, *rectified = (out / name for name in _FILES)
+    files = [picture]
+    write_image(picture, stages_image(pair.left, stages, truth))
     if pair.calibration is not None:
-        files.append(out / "cloud.ply")
+        files.append(cloud)
         depth = pair.calibration.depth(estimates[-1].disparity)
         near = within_reach(depth, pair.calibration, None)
-        write_ply(files[-1], pair.calibration.points(depth)[near], pair.left[near])
+        write_ply(cloud, pair.calibration.points(depth)[near], pair.left[near])
     if save_rectified:
-        for name, image in (("rectified_left", pair.left), ("rectified_right", pair.right)):
-            files.append(out / f"{name}.png")
-            write_image(files[-1], image)
+        for path, image in zip(rectified, (pair.left, pair.right), strict=True):
+            files.append(path)
+            write_image(path, image)
     return files

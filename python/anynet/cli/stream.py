@@ -131,9 +131,10 @@ def stream(
     ):
         prepare, told = cameras.for_source(source, opened, input_scale)
         if view:
-            saved = out or Path("anynet-view")
-            shown = opened, prepare, weights, input_scale, device, precision, threads, saved
-            show(*shown, rate=rate, watch=cameras.check)
+            show(
+                opened, prepare, weights, input_scale, device, precision, threads, out or Path("anynet-view"),
+                rate=rate, watch=cameras.check,
+            )  # fmt: skip
             return
 
         from anynet import Predictor  # takes seconds, so after the cheap checks

@@ -50,8 +50,8 @@ def view(
     ) as opened:
         prepare, _ = cameras.for_source(source, opened, input_scale)
         show(
-            opened, prepare, weights, input_scale, device, precision, threads, out, host, port, rate=rate,
-            watch=cameras.check,
+            opened, prepare, weights, input_scale, device, precision, threads, out, host, port,
+            rate=rate, watch=cameras.check,
         )  # fmt: skip
 
 

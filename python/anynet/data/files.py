@@ -67,8 +67,8 @@ class PairFiles(Dataset):
         if files.depth:
             assert files.calibration is not None
             calibration = read_calibration(
-                files.calibration, unit=files.unit, size=(shape[1], shape[0]), image=files.left,
-            )  # fmt: skip
+                files.calibration, unit=files.unit, size=(shape[1], shape[0]), image=files.left
+            )
             if not isinstance(calibration, Calibration):
                 raise AnyNetError(f"{files.calibration}: expected a calibration of rectified images, got raw cameras")
             calibration.check_size(shape[1], shape[0])
