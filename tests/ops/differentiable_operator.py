@@ -38,6 +38,16 @@ def actual(ops, case: Case, tensors: list[Tensor | None], grad: Tensor) -> tuple
     return out.detach(), list(torch.autograd.grad(out, [t for t in leaves if t is not None], grad))
 
 
+def gradient_tolerance(op: str, i: int, dtype: torch.dtype) -> dict[str, float]:
+    """Of the gradient of the i-th tensor."""
+    tolerance = dict(TOLERANCES[dtype])
+    if op == "spatial_propagation" and i == 1:  # reads the forward pass's rounded result
+        tolerance["atol"] = tolerance["rtol"] * 16
+    elif op == "soft_argmin" and dtype == torch.float32:  # differences from a mean of up to 192, itself rounded
+        tolerance["atol"] = 1e-4
+    return tolerance
+
+
 def check(
     ops,
     case: Case,
@@ -53,11 +63,8 @@ def check(
     assert out.dtype == dtype
     torch.testing.assert_close(out.cpu().double(), expected_out, **TOLERANCES[dtype])
     for i, (one, other) in enumerate(zip(grads, expected_grads, strict=True)):
-        tolerance = dict(TOLERANCES[dtype])
-        if case.op == "spatial_propagation" and i == 1:  # reads the forward pass's rounded result
-            tolerance["atol"] = tolerance["rtol"] * 16
         assert one.dtype == dtype
-        torch.testing.assert_close(one.cpu().double(), other, **tolerance)
+        torch.testing.assert_close(one.cpu().double(), other, **gradient_tolerance(case.op, i, dtype))
 
 
 def out_shape(case: Case, tensors: list[Tensor | None]) -> torch.Size:
@@ -160,10 +167,7 @@ class DifferentiableOperator:
         grads = backward(isa, reversed_columns(to_array(grad)), *arrays, *extra, *case.numbers, 2)
         grads = [g for g in (grads if isinstance(grads, tuple) else (grads,)) if g is not None]
         for i, (one, other) in enumerate(zip(grads, expected_grads, strict=True)):
-            tolerance = dict(TOLERANCES[dtype])
-            if case.op == "spatial_propagation" and i == 1:  # reads the forward pass's rounded result
-                tolerance["atol"] = tolerance["rtol"] * 16
-            torch.testing.assert_close(from_array(one).double(), other, **tolerance)
+            torch.testing.assert_close(from_array(one).double(), other, **gradient_tolerance(case.op, i, dtype))
 
     @pytest.mark.parametrize("dtype", DTYPES, ids=str)
     def test_bit_equality(self, ops, large_call, dtype, threads):
