@@ -156,9 +156,8 @@ class CameraOptions:
         """
         with collected_warnings() as told:
             cameras = self.read(Path(named), source.size if self.calib else None) or source.calibration
-        prepare = self.preparation(cameras, input_scale)
-        tell_warnings([*source.warnings, *told])
-        return prepare, told
+        tell_warnings([*source.warnings, *told])  # before an error that they may explain
+        return self.preparation(cameras, input_scale), told
 
     def preparation(self, cameras: Calibration | StereoRig | None, input_scale: float | None) -> PairPreparation:
         """What is done to every pair of these cameras."""

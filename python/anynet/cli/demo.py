@@ -74,6 +74,8 @@ def demo(
             calibration = cameras.read(left, (sample.left.shape[1], sample.left.shape[0]))
         else:
             sample, calibration = _rendered(seed or 0) if rendered else _motorcycle()
+    tell_warnings(told)  # before an error that they may explain
+    with collected_warnings() as found:
         prepare = cameras.preparation(calibration, input_scale)
         pair = prepare(sample.left, sample.right)
     make_folder(out)
@@ -82,8 +84,7 @@ def demo(
 
     predictor = Predictor(weights, device=device, precision=precision, threads=threads, input_scale=input_scale)
     estimates, times = _run(predictor, prepare, sample)
-    told += [*pair.warnings, *_truth_findings(sample, estimates[-1], truth)]
-    tell_warnings(told)
+    tell_warnings([*found, *pair.warnings, *_truth_findings(sample, estimates[-1], truth)])
     _print_table(sample, estimates, times)
     for file in _write(out, pair, sample, estimates, times, save_rectified):
         print(file)

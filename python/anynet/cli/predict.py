@@ -106,6 +106,7 @@ def predict(
 
     with collected_warnings() as told:
         calibration = cameras.read(pairs[0].left, _size(pairs[0].left) if cameras.calib else None)
+    tell_warnings(told)  # before an error that they may explain
     if calibration is None and (depth_format or max_depth is not None):
         raise AnyNetError("--depth-format and --max-depth belong to a calibration (--calib, or --focal and --baseline)")
     prepare = cameras.preparation(calibration, input_scale)
@@ -123,7 +124,6 @@ def predict(
     predictor = Predictor(weights, device=device, precision=precision, threads=threads, input_scale=input_scale)
     if stage is not None and stage > predictor.config.stages:
         raise AnyNetError(f"expected --stage from 1 to {predictor.config.stages}, got {stage}")
-    tell_warnings(told)
     failed = 0
     for pair in _progress(share):
         try:

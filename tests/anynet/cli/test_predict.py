@@ -308,6 +308,24 @@ def test_raw_images(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: 
     assert wider["calibration"]["baseline"] == pytest.approx(0.3)
 
 
+@pytest.mark.parametrize("command", ["predict", "demo"])
+def test_a_warning_that_explains_an_error_comes_before_it(
+    run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path, command: str
+) -> None:
+    calib = tmp_path / "rig.yml"
+    rectified = "P1: [100., 0., 32., 0., 0., 100., 24., 0., 0., 0., 1., 0.]\n"
+    calib.write_text(
+        RAW.replace("-0.1, 0.01, 0., 0.", "1.")
+        + rectified
+        + rectified.replace("P1", "P2").replace("32., 0.", "32., -12.")
+    )
+    result = run(command, *pair, "--out", tmp_path / "out", "--weights", weights, "--calib", calib, "--raw")
+    assert (result.status, result.out) == (2, "")
+    warning, error = result.err.splitlines()
+    assert warning.startswith(f"anynet: warning: {calib}: the raw cameras are left out: expected 4, 5, 8, 12, 14 ")
+    assert error.startswith("anynet: expected a calibration of raw cameras to rectify with (--raw), got none")
+
+
 def test_units_and_pairs_belong_to_files(run: Run, pair: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:
     arguments = ("predict", *pair, "--out", tmp_path / "out", "--weights", weights)
     assert "--calib-unit and --calib-pair belong to --calib" in run(*arguments, "--calib-unit", "mm").err
