@@ -2,6 +2,9 @@
 
 A daemon thread that comes back from PyTorch after the interpreter has ended is unwound through C++ frames that must not
 throw: the process aborts. So the end of the interpreter waits for computations that run, and none begins after it.
+
+The main thread, which ends the interpreter, need not wait for itself. And only there may the handler of a signal raise,
+anywhere, so that what it counted would stay counted.
 """
 
 from __future__ import annotations
@@ -24,10 +27,8 @@ class _Gate:
 
     def enter(self) -> None:
         depth = getattr(self._own, "depth", 0)
-        # One that is inside must get out: the end waits for it.
-        free = depth > 0 or threading.current_thread() is threading.main_thread()
         with self._changed:
-            while self._closed and not free:
+            while self._closed and depth == 0:  # one that is inside must get out: the end waits for it
                 self._changed.wait()  # forever: the interpreter ends, and this daemon thread with it
             self._inside += 1
         self._own.depth = depth + 1
@@ -50,6 +51,9 @@ _gate = _Gate()
 @contextmanager
 def computing() -> Iterator[None]:
     """Surrounds a computation that the interpreter must not end under."""
+    if threading.current_thread() is threading.main_thread():
+        yield
+        return
     gate = _gate
     gate.enter()
     try:

@@ -6,10 +6,12 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 from processes import completed
 
-from anynet import AnyNet, save_checkpoint
+from anynet import AnyNet, save_checkpoint, shutdown
 from anynet.shutdown import _Gate, computing
 
 
@@ -144,3 +146,48 @@ def test_a_thread_inside_may_enter_again_while_it_closes() -> None:
     assert not closing.is_alive()
     worker.join(10)
     assert not worker.is_alive()
+
+
+def test_a_signal_that_interrupts_the_main_thread_anywhere_leaves_the_gate_open() -> None:
+    """Raised at every line of it, once each, as a handler of SIGALRM or Ctrl-C may."""
+
+    class Interrupted(Exception):
+        pass
+
+    def interrupted(after: int) -> bool:
+        left = after
+
+        def trace(frame: FrameType, event: str, arg: object) -> Any:
+            nonlocal left
+            if frame.f_code.co_filename in (shutdown.__file__, threading.__file__):
+                left -= 1
+                if left < 0:
+                    sys.settrace(None)
+                    raise Interrupted
+            return trace
+
+        before = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            with computing():
+                pass
+        except Interrupted:
+            return True
+        finally:
+            sys.settrace(before)
+        return False
+
+    after = 0
+    while interrupted(after):
+        after += 1
+    assert after > 3
+
+    entered = threading.Event()
+
+    def work() -> None:
+        with computing():
+            entered.set()
+
+    threading.Thread(target=work, daemon=True).start()
+    assert entered.wait(10)
+    assert shutdown._gate._inside == 0
