@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from anynet.errors import AnyNetError, one_line
 from anynet.export.cut import Part, cut, run, whole
 from anynet.export.network import INPUTS, Request, check_one_size, outputs, trace
 from anynet.export.pt2 import check_name
-from anynet.io.files import replacing
+from anynet.io.files import write_atomically
 
 WHOLE = "model"
 
@@ -41,8 +42,9 @@ def export_aoti(request: Request, path: Path) -> None:
         values = run(stages, images)
         models = {WHOLE: whole(program, names)} | {f"stage_{k}": part for k, part in enumerate(stages, 1)}
         files: AOTI_FILES = {name: _compiled(part, values, request) for name, part in models.items()}
-    with replacing(path) as unfinished:
-        package_aoti(str(unfinished), files)
+    buffer = io.BytesIO()  # as in `export_pt2`
+    package_aoti(buffer, files)
+    write_atomically(path, buffer.getvalue())
 
 
 def _compiled(part: Part, values: Mapping[str, Tensor], request: Request) -> list[str | Weights]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import torch
 
 from anynet.errors import AnyNetError
 from anynet.export.network import Request, trace
-from anynet.io.files import replacing
+from anynet.io.files import write_atomically
 
 
 def export_pt2(request: Request, path: Path) -> None:
@@ -19,8 +20,9 @@ def export_pt2(request: Request, path: Path) -> None:
     """
     check_name(path)
     program = trace(request)
-    with replacing(path) as unfinished:
-        torch.export.save(program, unfinished)
+    buffer = io.BytesIO()  # PyTorch, writing the file itself, aborts the process where the disk is full
+    torch.export.save(program, buffer)
+    write_atomically(path, buffer.getvalue())
 
 
 def check_name(path: Path) -> None:
