@@ -71,15 +71,26 @@ class Calibration:
         NaN where unknown, not in front of the camera, or farther than 1000 km: no disparity is that exact.
 
         Args:
-            disparity: float32 [H, W], pixels, NaN where unknown.
+            disparity: float32 [H, W], or of single pixels in any shape but that; pixels, not finite where unknown.
+
+        Raises:
+            AnyNetError: if the calibration is known to be for maps of another size.
         """
+        if disparity.ndim == 2:
+            self.check_size(disparity.shape[1], disparity.shape[0])
         shifted = disparity + np.float32(self.doffs)
-        shifted[~(shifted > np.float32(self.focal * self.baseline / _FARTHEST))] = np.nan
+        known = (shifted > np.float32(self.focal * self.baseline / _FARTHEST)) & (shifted < np.inf)
+        shifted[~known] = np.nan
         return np.float32(self.focal * self.baseline) / shifted
 
     def points(self, depth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """The point of every pixel, [H, W, 3] meters: x to the right, y down, z forward from the left camera."""
+        """The point of every pixel, [H, W, 3] meters: x to the right, y down, z forward from the left camera.
+
+        Raises:
+            AnyNetError: if the calibration is known to be for maps of another size.
+        """
         height, width = depth.shape
+        self.check_size(width, height)
         cx = (width - 1) / 2 if self.cx is None else self.cx
         cy = (height - 1) / 2 if self.cy is None else self.cy
         x = (np.arange(width, dtype=np.float32) - np.float32(cx)) / np.float32(self.focal)

@@ -30,7 +30,7 @@ _LARGEST = 100_000
 
 
 class ShiftedPredictor:
-    """A predictor of disparities from `min_disparity` on, with a predictor's methods.
+    """A predictor of disparities from `min_disparity` on, with the methods `stages` and `predict`, for the left view.
 
     Where the disparity cannot be known, at the left border if `min_disparity` is positive, it is NaN.
 
@@ -86,12 +86,9 @@ def moved_apart(left: Image, right: Image, columns: int) -> tuple[npt.NDArray[np
     Raises:
         AnyNetError: if nothing would be left, or the images are not uint8 RGB arrays of one size.
     """
-    from anynet.frame import check_images
+    from anynet.frame import check_arrays
 
-    for image in (left, right):
-        if not isinstance(image, np.ndarray):
-            raise AnyNetError(f"min_disparity: expected images as arrays, got {type(image).__name__}")
-    check_images(left, right)
+    check_arrays(left, right)
     assert isinstance(left, np.ndarray)
     assert isinstance(right, np.ndarray)
     if columns < 0:  # more columns at the left image's left, and at the right image's right

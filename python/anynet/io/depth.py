@@ -12,7 +12,7 @@ import numpy.typing as npt
 from PIL import Image, PngImagePlugin
 
 from anynet.errors import AnyNetError
-from anynet.io.disparity import read_disparity
+from anynet.io.disparity import as_map, read_disparity
 from anynet.io.files import write_atomically
 from anynet.io.images import open_image
 
@@ -48,14 +48,15 @@ def write_depth(path: str | Path, depth: npt.NDArray[np.float32]) -> None:
     beyond its 65.535 m, with a warning.
 
     Raises:
-        AnyNetError: if the name has another ending, or the file cannot be written.
+        AnyNetError: if the name has another ending, it is no such map, or the file cannot be written.
     """
+    depth = as_map(path, depth)
     suffix = Path(path).suffix.lower()
     buffer = io.BytesIO()
     if suffix in (".tiff", ".tif"):
-        Image.fromarray(depth.astype(np.float32)).save(buffer, format="TIFF")
+        Image.fromarray(depth).save(buffer, format="TIFF")
     elif suffix == ".npy":
-        np.save(buffer, depth.astype(np.float32))
+        np.save(buffer, depth)
     elif suffix == ".png":
         levels = np.round(np.where(depth > 0, depth, 0) * np.float64(_MILLIMETERS))
         far = int(np.count_nonzero(levels > 65535))

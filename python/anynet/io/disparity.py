@@ -77,8 +77,9 @@ def write_disparity(path: str | Path, disparity: npt.NDArray[np.float32]) -> Non
     .pfm has infinity where unknown, as Middlebury and ETH3D do; .npy has NaN.
 
     Raises:
-        AnyNetError: if a disparity does not fit into the format, or the file cannot be written.
+        AnyNetError: if it is no such map, a disparity does not fit into the format, or the file cannot be written.
     """
+    disparity = as_map(path, disparity)
     suffix = Path(path).suffix.lower()
     if suffix == ".png":
         data = _encode_png(path, disparity)
@@ -88,11 +89,23 @@ def write_disparity(path: str | Path, disparity: npt.NDArray[np.float32]) -> Non
         data = header.encode() + known[::-1].astype("<f4").tobytes()
     elif suffix == ".npy":
         buffer = io.BytesIO()
-        np.save(buffer, disparity.astype(np.float32))
+        np.save(buffer, disparity)
         data = buffer.getvalue()
     else:
         raise AnyNetError(f"{path}: expected a name ending in .png, .pfm or .npy")
     write_atomically(path, data)
+
+
+def as_map(path: str | Path, values: npt.ArrayLike) -> npt.NDArray[np.float32]:
+    """Values to be written to that file, as float32.
+
+    Raises:
+        AnyNetError: if they are no numbers of shape [H, W] with at least one pixel.
+    """
+    array = np.asarray(values)
+    if array.ndim != 2 or not array.size or array.dtype.kind not in "fiu":
+        raise AnyNetError(f"{path}: expected a map of numbers [H, W], got {array.dtype} {list(array.shape)}")
+    return array.astype(np.float32)
 
 
 def _read_png(path: str | Path, scale: float | None) -> npt.NDArray[np.float32]:

@@ -230,3 +230,15 @@ def test_projections_that_are_none(tmp_path: Path) -> None:
     """A name with P_rect that is no camera's hides the others."""
     with pytest.raises(AnyNetError, match=r"calib.*lacks P_rect_0"):
         read_calibration(file(tmp_path, KITTI + "P_rect_x: 721.5377 0 609\n"))
+
+
+def test_depth_of_other_sizes_and_of_what_is_unknown() -> None:
+    calibration = Calibration(focal=1000, baseline=0.1, size=(4, 2))
+    disparity = np.array([[10, np.inf, -np.inf, np.nan], [0, -1, 20, 40]], np.float32)
+    nan = np.nan
+    depth = calibration.depth(disparity)
+    np.testing.assert_allclose(depth, [[10, nan, nan, nan], [nan, nan, 5, 2.5]])
+    np.testing.assert_allclose(calibration.depth(disparity[1, 2:]), [5, 2.5])  # single pixels
+    for compute in (calibration.depth, calibration.points):
+        with pytest.raises(AnyNetError, match="expected images of 4 x 2 as the calibration says, got 2 x 1"):
+            compute(disparity[::2, ::2])

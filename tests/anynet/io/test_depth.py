@@ -5,11 +5,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from anynet.errors import AnyNetError
-from anynet.io import read_depth, write_depth
+from anynet.io import read_depth, write_depth, write_disparity
 
 DEPTH = np.array([[0.5, 2.6804, np.nan], [65.535, 70, 0.0001]], np.float32)
 
@@ -55,3 +56,13 @@ def test_levels_that_cannot_be(tmp_path: Path, levels: str) -> None:
     text.add_itxt("LevelsPerMeter", levels)
     Image.fromarray(np.full((2, 3), 512, np.uint16)).save(tmp_path / "depth.png", pnginfo=text)
     assert (read_depth(tmp_path / "depth.png") == 2).all()  # KITTI's, as if nothing were said
+
+
+@pytest.mark.parametrize("name", ["map.pfm", "map.npy", "map.png", "map.tiff"])
+def test_what_is_no_map_is_not_written(tmp_path: Path, name: str) -> None:
+    writers = [write_disparity] * (name != "map.tiff") + [write_depth] * (name != "map.pfm")
+    for write in writers:
+        for values in (np.zeros((2, 3, 2)), np.zeros(3), np.zeros((0, 3)), np.full((2, 3), "a"), None):
+            with pytest.raises(AnyNetError, match=r"expected a map of numbers \[H, W\], got"):
+                write(tmp_path / name, values)
+        write(tmp_path / name, torch.ones(2, 3))

@@ -3,8 +3,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from plyfile import PlyData
 
+from anynet.errors import AnyNetError
 from anynet.io import write_ply
 
 
@@ -28,3 +30,16 @@ def test_points_and_colors_without_unknown(tmp_path: Path) -> None:
 def test_a_cloud_may_be_empty(tmp_path: Path) -> None:
     write_ply(tmp_path / "cloud.ply", np.full((2, 2, 3), np.nan, np.float32), np.zeros((2, 2, 3), np.uint8))
     assert len(PlyData.read(tmp_path / "cloud.ply")["vertex"].data) == 0
+
+
+def test_points_and_colors_that_do_not_fit(tmp_path: Path) -> None:
+    points, colors = np.zeros((2, 3, 3), np.float32), np.zeros((2, 3, 3), np.uint8)
+    for one, other in (
+        (points, colors[:1]),
+        (points, colors[..., 0]),
+        (points[..., :2], colors[..., :2]),
+        (points, points),
+    ):
+        with pytest.raises(AnyNetError, match=r"cloud.ply: expected points \[..., 3\] and their colors as uint8"):
+            write_ply(tmp_path / "cloud.ply", one, other)
+    assert not list(tmp_path.iterdir())
