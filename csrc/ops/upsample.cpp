@@ -67,8 +67,8 @@ Tensor upsample_concat(const Tensor& skip, const Tensor& coarse, const Tensor& s
   check_contiguous("upsample_concat", "skip", skip, 4);
   check_contiguous("upsample_concat", "coarse", coarse, 4);
   check_device("upsample_concat", "coarse", coarse, skip);
-  ANYNET_CHECK(skip.size(0) == coarse.size(0) && coarse.numel() > 0,
-               "upsample_concat: expected coarse of skip's batch size, with at least one pixel, got ", shape(coarse));
+  ANYNET_CHECK(skip.size(0) == coarse.size(0), "upsample_concat: expected coarse of skip's batch size, ", skip.size(0),
+               ", got ", shape(coarse));
   check_size("upsample_concat", coarse.size(2), coarse.size(3));
   const int64_t channels = skip.size(1) + coarse.size(1);
   const AffineRelu<float> epilogue = affine_relu("upsample_concat", scale, shift, channels, skip);
@@ -85,9 +85,9 @@ Tensor upsample_add(const Tensor& input, const Tensor& coarse, const Tensor& sca
   check_contiguous("upsample_add", "input", input, 5);
   check_contiguous("upsample_add", "coarse", coarse, 5);
   check_device("upsample_add", "coarse", coarse, input);
-  ANYNET_CHECK(input.size(0) == coarse.size(0) && input.size(1) == coarse.size(1) && coarse.numel() > 0,
-               "upsample_add: expected coarse of input's batch size and channels, with at least one voxel, got ",
-               shape(coarse));
+  ANYNET_CHECK(input.size(0) == coarse.size(0) && input.size(1) == coarse.size(1) && coarse.size(2) > 0,
+               "upsample_add: expected coarse of input's batch size and channels, ", input.size(0), " and ",
+               input.size(1), ", and at least one plane, got ", shape(coarse));
   check_size("upsample_add", coarse.size(3), coarse.size(4));
   const AffineRelu<float> epilogue = affine_relu("upsample_add", scale, shift, input.size(1), input);
   Tensor out = new_like(input);

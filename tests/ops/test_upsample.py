@@ -111,6 +111,12 @@ def test_empty_results() -> None:
     skip, volume = random(2, 3, 0, 4), random(2, 3, 2, 0, 3)
     assert anynet_ext.upsample_concat(skip, random(2, 4, 2, 2), random(7), random(7)).shape == (2, 7, 0, 4)
     assert anynet_ext.upsample_add(volume, random(2, 3, 1, 1, 1), random(3), random(3)).shape == volume.shape
+    none = random(0, 3, 4, 4)  # images
+    assert anynet_ext.upsample_concat(none, random(0, 4, 2, 2), random(7), random(7)).shape == (0, 7, 4, 4)
+    for batch, channels in ((0, 3), (2, 0)):
+        volume = random(batch, channels, 2, 4, 4)
+        coarse = random(batch, channels, 1, 2, 2)
+        assert anynet_ext.upsample_add(volume, coarse, random(channels), random(channels)).shape == volume.shape
 
 
 def add_call(size: tuple[int, int, int], coarse: tuple[int, int, int]) -> Call:
