@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from anynet.errors import AnyNetError, one_line
+from anynet.errors import AnyNetError
 
 # The authors number their modules; a pre-activation layer is 0 norm, 1 ReLU, 2 convolution.
 _LAYER = {"0": "norm", "2": "conv"}
@@ -47,14 +47,15 @@ def read_authors(path: Path) -> dict[str, Tensor]:
         OSError: if it cannot be read.
     """
     try:
-        theirs = torch.load(path, map_location="cpu", weights_only=True)["state_dict"]
-        tensors = {_our_name(path, str(name)): tensor for name, tensor in theirs.items()}
-    except (OSError, AnyNetError):
+        stored = torch.load(path, map_location="cpu", weights_only=True)
+    except OSError:
         raise
-    except Exception as error:  # torch.load raises a dozen types on foreign bytes
-        raise AnyNetError(
-            f"{path}: expected .safetensors or the authors' .tar; {type(error).__name__}: {one_line(error)}"
-        ) from None
+    except Exception:  # torch.load raises a dozen types on foreign bytes, and advises to switch its safety off
+        raise AnyNetError(f"{path}: expected weights, .safetensors or the authors' .tar, got another file") from None
+    theirs = stored.get("state_dict") if isinstance(stored, dict) else None
+    if not isinstance(theirs, dict):
+        raise AnyNetError(f"{path}: expected weights, .safetensors or the authors' .tar, got no state_dict")
+    tensors = {_our_name(path, str(name)): tensor for name, tensor in theirs.items()}
     # Their version of PyTorch did not count batches yet.
     norms = [name.removesuffix("running_mean") for name in tensors if name.endswith(".running_mean")]
     return {**{f"{norm}num_batches_tracked": torch.tensor(0) for norm in norms}, **tensors}

@@ -364,3 +364,12 @@ def test_weights_without_values_in_memory_are_not_saved(tmp_path: Path, change: 
     with pytest.raises(AnyNetError, match=r"weight is no dense tensor on the CPU$"):
         save_checkpoint(tmp_path / "none.safetensors", model)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("content", [b"fx 1 fy 1", b"\x80\x04N.", b"PK\x03\x04"])
+def test_a_file_that_holds_no_weights(tmp_path: Path, content: bytes) -> None:
+    """Not what PyTorch says of it: its advice is to let the file run code."""
+    path = tmp_path / "calib.txt"
+    path.write_bytes(content)
+    with pytest.raises(AnyNetError, match=r"calib.txt: expected weights, .safetensors or .* got another file$"):
+        load_checkpoint(path)

@@ -97,13 +97,29 @@ def _application(chosen: str) -> typer.Typer:
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
     )
-    application.callback()(_no_options)
+
+    def options(
+        version: bool = typer.Option(
+            False, "--version", callback=_print_version, is_eager=True, help="Print the version and exit."
+        ),
+    ) -> None:
+        pass
+
+    application.callback()(options)
     for name, (module, summary) in COMMANDS.items():
         command: Callable[..., None] = _no_options
         if name == chosen:
             command = getattr(import_module(f"anynet.cli.{module}"), name)
         application.command(name, short_help=summary)(command)
     return application
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        import anynet
+
+        print(f"anynet {anynet.__version__}")
+        raise SystemExit(0)
 
 
 def _no_options() -> None:

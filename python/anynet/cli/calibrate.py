@@ -58,7 +58,8 @@ def calibrate(
         float, typer.Option(help="A ChArUco board with markers of this side, meters.", show_default="a chessboard")
     ] = 0.0,
     dictionary: Annotated[
-        str | None, typer.Option(help="Of the markers, such as 4X4_50 or 5X5_1000.", show_default=_DICTIONARY)
+        str | None,
+        typer.Option(help="Dictionary of the markers, such as 4X4_50 or 5X5_1000.", show_default=_DICTIONARY),
     ] = None,
     model: Annotated[Model, typer.Option(help="Lenses: 5 coefficients, 8, or fisheye.")] = Model.pinhole,
     split: Annotated[

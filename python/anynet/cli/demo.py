@@ -42,7 +42,7 @@ def demo(
     cameras: CameraOptions = UNKNOWN,
     save_rectified: Annotated[bool, typer.Option("--save-rectified", help="Write the rectified images too.")] = False,
     rendered: Annotated[bool, typer.Option("--rendered", help="Use a rendered scene.")] = False,
-    seed: Annotated[int | None, typer.Option(help="Which rendered scene.", show_default="0")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Which rendered scene.", show_default="0")] = None,
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("anynet-demo"),
     weights: Weights = "default",
     input_scale: InputScale = None,

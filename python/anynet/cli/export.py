@@ -25,11 +25,11 @@ def export(
             "machine code made by AOTInductor, for C++ without Python."
         ),
     ],
-    height: Annotated[int, typer.Option(min=1, help="Of the images, in pixels.")],
-    width: Annotated[int, typer.Option(min=1, help="Of the images, in pixels.")],
+    height: Annotated[int, typer.Option(min=1, help="Height of the images, in pixels.")],
+    width: Annotated[int, typer.Option(min=1, help="Width of the images, in pixels.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="The file to write; its folder is made if missing.")],
     weights: Annotated[str, typer.Option(help="A packaged name, or a path.")] = "default",
-    stages: Annotated[int | None, typer.Option(min=1, help="The first so many.", show_default="all")] = None,
+    stages: Annotated[int | None, typer.Option(min=1, help="How many of the first stages.", show_default="all")] = None,
     dynamic: Annotated[bool, typer.Option("--dynamic", help="For images of any size; pt2 alone.")] = False,
 ) -> None:
     """The network for other runtimes.

@@ -26,9 +26,9 @@ Rate = Annotated[
 ]
 Size = Annotated[str | None, typer.Option(help="Image size that is asked of a camera, such as 1280x720.")]
 Topics = Annotated[
-    tuple[str, str] | None, typer.Option(help="Of a recording: left and right.", show_default="found by names")
+    tuple[str, str] | None, typer.Option(help="Topics of a recording: left and right.", show_default="found by names")
 ]
-Topic = Annotated[str | None, typer.Option(help="Of a recording with --split.", show_default="found")]
+Topic = Annotated[str | None, typer.Option(help="Topic of a recording with --split.", show_default="found")]
 # None where not given: an option that a source does not have is refused.
 Slop = Annotated[
     float | None,

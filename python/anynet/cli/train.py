@@ -51,6 +51,8 @@ def _command(name: str, default: str, summary: str) -> Callable[..., None]:
             recipe = replace(stored, **options)
         else:
             recipe = preset(start or default, **options)
+            if resume and not recipe.data:
+                raise AnyNetError(f"{out}: expected a run to resume ({RECIPE}), or --data to begin one, got neither")
             if name == "finetune" and recipe.weights is None:
                 raise AnyNetError("finetune: expected weights to begin with (--weights), got none; without: train")
         for option, (other, used) in _BELONGING.items():
@@ -104,6 +106,8 @@ def _network(options: list[str]) -> AnyNetConfig:
         try:
             values[name] = json.loads(value)
         except (ValueError, RecursionError):  # also of numbers too long for Python
+            if equals:
+                raise AnyNetError(f"--network: expected the value of {name} in JSON, got {value!r}") from None
             raise AnyNetError(
                 f"--network: expected one of {', '.join(presets.NETWORKS)}, or NAME=VALUE like features.channels=2, "
                 f"got {option!r}"

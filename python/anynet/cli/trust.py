@@ -33,6 +33,6 @@ MaxDepth = Annotated[
     typer.Option(
         help="Leave farther points (meters) out of the cloud; inf: none.",
         callback=_positive,
-        show_default="what half a pixel of error still tells to 20 %",
+        show_default="the depth at which half a pixel of error is 20 %",
     ),
 ]

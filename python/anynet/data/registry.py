@@ -54,12 +54,19 @@ def open_dataset(spec: str) -> Dataset:
             raise AnyNetError(f"data set {spec!r}: expected {expected}, got {option!r}")
     try:
         if load is Rendered:
-            return Rendered(int(root), **{name: int(value) for name, value in options.items()})
+            return Rendered(_whole("the seed", root), **{name: _whole(name, value) for name, value in options.items()})
         return load(root, **options)
     except AnyNetError:
         raise
     except ValueError as error:  # no number
         raise AnyNetError(f"data set {spec!r}: {error}") from None
+
+
+def _whole(name: str, text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise AnyNetError(f"expected {name} as a whole number, got {text!r}") from None
 
 
 def open_datasets(specs: Sequence[str]) -> Dataset:

@@ -51,7 +51,7 @@ def test_cameras(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     off, errors = d1()
     assert "left: the pair looks unrectified" in errors
     good, errors = d1("--fix-rows", "--calib", str(tmp_path / "K.txt"))
-    assert "left: rows of the right image moved by -2.9" in errors
+    assert "left: the right image was 2.9" in errors
     assert "unrectified" not in errors
     assert good < off - 20
     assert "Calibration: camera matrix and baseline." in (tmp_path / "out" / "results.md").read_text()

@@ -16,6 +16,7 @@ import pytest
 import torch
 from processes import completed
 
+import anynet
 import anynet_ext
 from anynet import cli
 from anynet.cli import COMMANDS
@@ -47,6 +48,7 @@ def test_every_command_has_help(run: Run, name: str) -> None:
         (["evaluate", "--data", "render:1", "--threads", "1000000"], "Invalid value for '--threads'"),
         (["render", "--out", "o", "--workers", "1000000"], "Invalid value for '--workers'"),
         (["render", "--out", "o", "--height", "1000000000"], "Invalid value for '--height'"),
+        (["demo", "--rendered", "--seed", "-1"], "Invalid value for '--seed'"),
         (["dream"], "No such command 'dream'"),
         (["predict", "left.png"], "Missing argument 'RIGHT'"),
         (["predict", "l", "r", "--out", "o", "--format", "jpg"], "'jpg' is not one of"),
@@ -68,6 +70,11 @@ def test_info(run: Run) -> None:
     report = json.loads(run("info", "--json").out)
     assert report["threads"] >= 1
     assert report["instruction_set"] in report["instruction_sets"]
+
+
+def test_version(run: Run) -> None:
+    result = run("--version")
+    assert (result.status, result.out, result.err) == (0, f"anynet {anynet.__version__}\n", "")
 
 
 def test_a_closed_pipe_is_quiet() -> None:

@@ -46,8 +46,14 @@ def test_every_field_is_an_option(
     assert main(["train", "--help"]) == 0
     text = capsys.readouterr().out
     assert all(f"--{field.name.replace('_', '-')}" in text for field in fields(Recipe))
-    assert main(["train", "--out", str(tmp_path), "--network", "depth=2"]) == 2
-    assert "expected options among input_scale" in capsys.readouterr().err
+    for options, message in (
+        (["--network", "depth=2"], "expected options among input_scale"),
+        (["--network", "groups=x"], "--network: expected the value of groups in JSON, got 'x'"),
+        (["--network", "groups"], "or NAME=VALUE like features.channels=2, got 'groups'"),
+        (["--resume"], f"{tmp_path}: expected a run to resume (recipe.json), or --data to begin one, got neither"),
+    ):
+        assert main(["train", "--out", str(tmp_path), *options]) == 2
+        assert message in capsys.readouterr().err
 
 
 def test_an_interrupted_run_says_how_to_go_on(

@@ -79,6 +79,8 @@ def test_specs(tmp_path: Path, rendering_here: None) -> None:
         ("folders:somewhere?scale=4&scale=9", "expected each option once, got 'scale=4&scale=9'"),
         ("folders:somewhere?scales=4", "expected options among scale, got 'scales'"),
         ("render:3?hight=96", "expected options among seed, height, width, got 'hight'"),
+        ("render:abc", "expected the seed as a whole number, got 'abc'"),
+        ("render:3?height=x", "expected height as a whole number, got 'x'"),
         ("rendered:/nowhere", "expected files NNNNNNN.npy written by `anynet render`, found none"),
     ],
 )
