@@ -3,7 +3,8 @@
 Those of the deployed network are for inference: float32, without gradients. All others have first derivatives; second
 ones raise RuntimeError. Under `torch.autocast`, these compute half types and float32, also mixed, in float32 and return
 float32; float64 stays float64. On the CPU, all raise MemoryError (RuntimeError from PyTorch 2.15 on) if there is not
-enough for their scratch, and run on one thread in a forked process.
+enough for their scratch, and run on one thread in a forked process. (What they have to make contiguous first, PyTorch
+copies, whose own threads hang there: call `torch.set_num_threads(1)` in it.)
 
 A saved program that holds them, a .pt2 file, can only be loaded after `import anynet_ext`.
 

@@ -23,6 +23,7 @@ def check_rectified(
     doffs: float = 0.0,
     reach: float = MAX_DISPARITY,
     hint: str = "",
+    smallest: float = 0.0,
 ) -> list[str]:
     """Matches some hundred corners between the images and looks where the partners lie.
 
@@ -32,8 +33,9 @@ def check_rectified(
         left, right: uint8 [H, W, 3] RGB.
         matches: of the pair, if they are at hand.
         doffs: the calibration's: cx of the right camera minus cx of the left, pixels.
-        reach: the largest disparity that the network finds, pixels.
+        reach: the largest disparity that the network finds, pixels, counted from `smallest` on.
         hint: what to add where rows do not agree.
+        smallest: the smallest disparity that is looked for, pixels.
 
     Returns:
         One sentence per finding, with what was seen; empty for a good pair, and where too few corners match.
@@ -47,7 +49,7 @@ def check_rectified(
         return []
     findings = [*_rows(matches, hint), *_swapped(matches, doffs)]
     # Of a pair that is unrectified or exchanged, disparities say nothing more.
-    return findings or [*_negative(matches, doffs), *_beyond(matches, reach)]
+    return findings or [*_negative(matches, doffs), *_beyond(matches, reach, smallest)]
 
 
 def lowest_disparity(matches: Matches) -> float:
@@ -92,13 +94,15 @@ def _negative(matches: Matches, doffs: float) -> list[str]:
     ]
 
 
-def _beyond(matches: Matches, reach: float) -> list[str]:
+def _beyond(matches: Matches, reach: float, smallest: float) -> list[str]:
     disparities = matches.disparities
-    beyond = np.count_nonzero(disparities > reach)
+    beyond = np.count_nonzero(disparities > smallest + reach)
     if beyond < max(FEWEST / 2, _BEYOND * len(disparities)):
         return []
     largest = float(np.quantile(disparities, 0.98))
+    start = f" from {smallest:g} (--min-disparity) on" if smallest else ""
     return [
-        f"{beyond} of {len(disparities)} matched corners have disparities above {reach:g} pixels (up to "
-        f"{largest:.0f}), the most that the network finds: use --input-scale {scale_for(largest)} or less"
+        f"{beyond} of {len(disparities)} matched corners have disparities above {smallest + reach:g} pixels (up to "
+        f"{largest:.0f}), the most that the network finds{start}: use --input-scale {scale_for(largest - smallest)} "
+        "or less"
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -93,7 +94,9 @@ class PairPreparation:
         min_disparity: int | None = None,
         reach: float = MAX_DISPARITY,
     ) -> None:
-        rig = cameras if isinstance(cameras, StereoRig) else None if cameras is None else cameras.rig
+        if not isinstance(cameras, Calibration | StereoRig | None):
+            raise AnyNetError(f"expected cameras as read_calibration gives them, got {type(cameras).__name__}")
+        rig = cameras.rig if isinstance(cameras, Calibration) else cameras
         origin = f" ({cameras.origin})" if isinstance(cameras, Calibration) and cameras.origin else ""
         if raw and rig is None:
             raise AnyNetError(f"expected a calibration of raw cameras to rectify with (--raw), got none{origin}")
@@ -118,8 +121,12 @@ class PairPreparation:
             left, right: uint8 [H, W, 3] RGB of one size.
 
         Raises:
-            AnyNetError: if the calibration is for images of another size, or the cameras cannot be rectified.
+            AnyNetError: if the images are not that, the calibration is for images of another size, or the cameras
+                cannot be rectified.
         """
+        from anynet.frame import check_arrays
+
+        check_arrays(left, right)
         height, width = left.shape[:2]
         calibration, valid, notes, findings = self._calibration(width, height)
         if self._raw:
@@ -136,13 +143,15 @@ class PairPreparation:
             if shift is not None and (abs(shift.shift) > _LEAST_SHIFT or abs(shift.roll) > _LEAST_ROLL):
                 right = shift.corrected(right)
                 matches = match_corners(left, right)
-                notes.append(f"rows of the right image moved by {-shift.shift:.2f} pixels, turned by {-shift.roll:.5f}")
+                roll = math.degrees(shift.roll)
+                moved = f"{shift.shift:.2f} rows lower and turned by {roll:.3f} degrees"
+                notes.append(f"the right image was {moved}: corrected")
             elif self._fix_rows and shift is None:
                 findings.append("rows not corrected: too few corners match, or the error is no small shift and roll")
             if searched:
                 smallest = min_disparity(calibration, matches)
             if self._check:
-                findings += check_rectified(left, right, matches, doffs, self._reach + smallest, self._hint())
+                findings += check_rectified(left, right, matches, doffs, self._reach, self._hint(), smallest)
         if smallest:
             notes.append(f"disparities looked for from {smallest} pixels on")
         return PreparedPair(left, right, calibration, smallest, valid, tuple(findings), tuple(notes))

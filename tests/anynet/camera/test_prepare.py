@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from skimage.data import stereo_motorcycle
 
 from anynet.camera import Calibration, PairPreparation, ShiftedPredictor
@@ -76,10 +77,24 @@ def test_rows_are_told_and_fixed(motorcycle: tuple[np.ndarray, np.ndarray]) -> N
     assert warning.endswith("if the images are raw, use --raw")
     pair = PairPreparation(GOOD, fix_rows=True)(motorcycle[0], lower)
     assert pair.warnings == ()
-    assert pair.notes[0].startswith("rows of the right image moved by -")
+    assert pair.notes[0].startswith("the right image was 2.9")
     flat = np.zeros_like(lower)
     assert PairPreparation(GOOD, fix_rows=True)(flat, flat).warnings[0].startswith("rows not corrected")
     assert PairPreparation(GOOD, check=False)(motorcycle[0], lower).warnings == ()
+
+
+def test_what_is_no_pair_or_calibration(motorcycle: tuple[np.ndarray, np.ndarray]) -> None:
+    with pytest.raises(AnyNetError, match="expected cameras as read_calibration gives them, got str"):
+        PairPreparation("calib.txt")  # type: ignore[arg-type]
+    left, right = motorcycle
+    for one, other, message in (
+        (left[..., 0], right[..., 0], r"expected left as uint8 RGB array \[H, W, 3\], got uint8 \[500, 741\]"),
+        (left, right / np.float32(255), "expected right as uint8 RGB array .* got float32"),
+        (left, right[:99], "one size"),
+        (torch.from_numpy(left), torch.from_numpy(right), "expected images as arrays, got Tensor"),
+    ):
+        with pytest.raises(AnyNetError, match=message):
+            PairPreparation()(one, other)
 
 
 def test_negative_disparities(motorcycle: tuple[np.ndarray, np.ndarray]) -> None:
