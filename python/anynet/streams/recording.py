@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
+MAX_SLOP = 3600  # seconds
 _WAIT = 5 * 10**9  # nanoseconds of the recording that an image waits for its partner: drivers may be late
 _WAITING, _WAITING_BYTES = 1000, 2**29  # images of one camera that wait, at most
 # What the names of one rig's topics differ in.
@@ -103,8 +104,8 @@ class Recording(Source):
         if ending in (".mcap", ".db3") and ending != self._path.suffix:  # rosbags goes by it
             raise AnyNetError(f"{path}: expected the ending {ending} in lower case, got {self._path.suffix}")
         self._ros = 1 if ending == ".bag" else 2
-        if not 0 <= slop < math.inf:
-            raise AnyNetError(f"expected slop of 0 seconds or more, got {slop:g}")
+        if not 0 <= slop <= MAX_SLOP:
+            raise AnyNetError(f"expected slop from 0 to {MAX_SLOP} seconds, got {slop:g}")
         self._slop = round(1e9 * slop)
         self._sides = _Waiting(), _Waiting()
         self._closed = False

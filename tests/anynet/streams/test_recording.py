@@ -214,6 +214,12 @@ def test_images_that_wait_in_vain_are_counted(tmp_path: Path, monkeypatch: pytes
     assert all((frame.left == frame.right).all() for frame in frames)
 
 
+@pytest.mark.parametrize("slop", [-1, 1e300, float("inf"), float("nan")])
+def test_slop_that_cannot_be(tmp_path: Path, slop: float) -> None:
+    with pytest.raises(AnyNetError, match=r"^expected slop from 0 to 3600 seconds, got "):
+        Recording(write(tmp_path / "a.mcap"), slop=slop)
+
+
 def test_a_recording_of_one_topic_twice(tmp_path: Path) -> None:
     with pytest.raises(AnyNetError, match="expected two different topics, left and right, got /cam/left/image_rect, "):
         Recording(write(tmp_path / "a.mcap"), ["/cam/left/image_rect"] * 2)
