@@ -32,7 +32,9 @@ Topic = Annotated[str | None, typer.Option(help="Topic of a recording with --spl
 # None where not given: an option that a source does not have is refused.
 Slop = Annotated[
     float | None,
-    typer.Option(min=0, help="Seconds that left and right images of a recording may be apart.", show_default="0.01"),
+    typer.Option(
+        min=0, max=3600, help="Seconds that left and right images of a recording may be apart.", show_default="0.01"
+    ),
 ]
 Reconnect = Annotated[
     float | None,

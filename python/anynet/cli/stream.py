@@ -6,7 +6,7 @@ import os
 import warnings
 from collections import deque
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +18,7 @@ from anynet.cli.network import BudgetMs, Device, InputScale, Precision, Stage, T
 from anynet.cli.results import DepthFiles, DepthFormat, DisparityFile, Format, Writer, file_ids
 from anynet.cli.sources import Rate, Reconnect, Size, Slop, Split, Topic, Topics, open_source
 from anynet.cli.stopping import stopping
-from anynet.cli.told import tell_warnings
+from anynet.cli.told import tell, tell_warnings
 from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
 from anynet.cli.view import show
 from anynet.errors import AnyNetError
@@ -127,7 +127,7 @@ def stream(
         open_source(
             source, right, split=split, rate=rate, size=size, topics=topics, topic=topic, slop=slop, reconnect=reconnect
         ) as opened,
-        ExitStack() as stack,
+        _completed() as sinks,
     ):
         prepare, told = cameras.for_source(source, opened, input_scale)
         if view:
@@ -151,11 +151,10 @@ def stream(
             make_folder(out)
             formats = format or Format.png, tuple(depth_format or [DepthFormat.tiff])
             writer = Writer(out, *formats, max_depth, file_ids(opened.files))
-        sinks: list[Sink] = []
         for path in record or ():
-            sinks.append(stack.enter_context(Recorder(path, (depth_encoding or DepthEncoding.meters).value, max_depth)))
+            sinks.append(Recorder(path, (depth_encoding or DepthEncoding.meters).value, max_depth))
         if video is not None:
-            sinks.append(stack.enter_context(Video(video, opened.rate or 30)))
+            sinks.append(Video(video, opened.rate or 30))
         try:
             _run(running, writer, sinks, told, frames, as_json)
         finally:
@@ -206,6 +205,26 @@ def _process(result: Result, writer: Writer | None, sinks: list[Sink]) -> dict[s
         "calibration": None if pair.calibration is None else pair.calibration.values(),
         "files": files,
     }
+
+
+@contextmanager
+def _completed() -> Iterator[list[Sink]]:
+    """A list of sinks that are closed at the end. Each loss is told: the last one is raised."""
+    sinks: list[Sink] = []
+    failure: BaseException | None = None
+    try:
+        yield sinks
+    except BaseException as error:
+        failure = error
+    for sink in sinks:
+        try:
+            sink.close()
+        except AnyNetError as error:
+            if isinstance(failure, AnyNetError):
+                tell(str(failure))
+            failure = error
+    if failure is not None:
+        raise failure
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import numpy as np
 from anynet.errors import AnyNetError
 from anynet.io.files import check_regular
 from anynet.shutdown import computing
-from anynet.streams.source import Frame, Image, Source, left_and_right
+from anynet.streams.source import Frame, Image, Source, check_rate, left_and_right
 
 RATE = 30.0  # frames per second of a video that does not say
 _SAME_RATE = 0.01  # of a rate, that another may be apart: 30 and 29.97 are meant to be one
@@ -62,7 +62,7 @@ class Capture(Source):
         open: opens a device.
 
     Raises:
-        AnyNetError: if one cannot be opened.
+        AnyNetError: if one cannot be opened, or an argument is not that.
     """
 
     def __init__(
@@ -75,6 +75,9 @@ class Capture(Source):
         open: Callable[[str], Device] = open_device,
     ) -> None:
         super().__init__()
+        check_rate(rate)
+        if isinstance(names, str) or len(names) not in (1, 2):
+            raise AnyNetError(f"expected the names of one or two cameras or videos, got {names!r}")
         self.live = live
         self._names = names
         self._size = size

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from anynet.errors import AnyNetError
 from anynet.io.images import read_levels, to_8_bits, used_bits
-from anynet.streams.source import Frame, Source, left_and_right
+from anynet.streams.source import Frame, Source, check_rate, left_and_right
 
 RATE = 10.0  # frames per second
 
@@ -19,10 +19,16 @@ class ImageFiles(Source):
     Args:
         pairs: name, left and right file of each frame; the right one None for side-by-side images.
         rate: frames per second; default: 10.
+
+    Raises:
+        AnyNetError: if there is no pair, or the rate is none.
     """
 
     def __init__(self, pairs: Sequence[tuple[str, Path, Path | None]], rate: float | None = None) -> None:
         super().__init__()
+        check_rate(rate)
+        if not pairs:
+            raise AnyNetError("expected pairs of image files, got none")
         self.rate = rate or RATE
         self._pairs = pairs
         self.files = [file for _, *files in pairs for file in files if file is not None]

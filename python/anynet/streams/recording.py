@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from anynet.errors import AnyNetError, one_line
 from anynet.io.files import check_regular
 from anynet.io.images import to_8_bits, used_bits
 from anynet.streams.bounded import BoundedPath, bound_rosbags, opening
+from anynet.streams.pairing import Pair, Pairing, Recorded
 from anynet.streams.ros import (
     CAMERA_INFO,
     COMPRESSED,
@@ -32,58 +32,18 @@ if TYPE_CHECKING:
     from rosbags.rosbag1 import Reader as Reader1
     from rosbags.rosbag2 import Reader as Reader2
 
-_WAIT = 5 * 10**9  # nanoseconds of the recording that an image waits for its partner: drivers may be late
-_WAITING, _WAITING_BYTES = 1000, 2**29  # images of one camera that wait, at most
+MAX_SLOP = 3600  # seconds
 # What the names of one rig's topics differ in.
 _SIDES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"), ("camera0", "camera1"), ("camera_0", "camera_1"),
           ("image_0", "image_1"), ("cam_0", "cam_1"), ("l", "r"))  # fmt: skip
 
 
-class _Image(NamedTuple):
-    stamp: int
-    recorded: int
-    size: int
-    message: Any
-
-
-class _Waiting(deque[_Image]):
-    """One camera's images that wait for their partners, as they were recorded.
-
-    Attributes:
-        lost: how many found none.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.lost = 0
-
-    def forget(self, now: float = math.inf) -> None:
-        """Drops those recorded long before `now`, nanoseconds, and the oldest of too many."""
-        while self and (
-            now - self[0].recorded > _WAIT
-            or len(self) > _WAITING
-            or (len(self) > 1 and sum(image.size for image in self) > _WAITING_BYTES)
-        ):
-            self.popleft()
-            self.lost += 1
-
-    def nearest(self, stamp: int) -> tuple[float, int]:
-        """How far the nearest stamp is from that one, nanoseconds, and its place; infinity if there is none."""
-        return min(((abs(image.stamp - stamp), place) for place, image in enumerate(self)), default=(math.inf, 0))
-
-    def take(self, place: int) -> Any:
-        """The message at that place; what is older has no partner any more."""
-        self.lost += place
-        for _ in range(place):
-            self.popleft()
-        return self.popleft().message
-
-
 class Recording(Source):
     """The images of two topics, or of one with both side by side.
 
-    Left and right belong together if their stamps differ by `slop` at most and they were recorded within 5 s. The stamp
-    and frame id of a frame are its left image's; a stamp of 0 is replaced by the time of recording.
+    Left and right belong together if their stamps are each other's nearest and differ by `slop` at most, and they were
+    recorded within 5 s, in whatever order. The stamp and frame id of a frame are its left image's; a stamp of 0 is
+    replaced by the time of recording.
 
     Args:
         path: a `.bag`, `.mcap` or `.db3` file, or the folder of a ROS 2 bag.
@@ -103,10 +63,10 @@ class Recording(Source):
         if ending in (".mcap", ".db3") and ending != self._path.suffix:  # rosbags goes by it
             raise AnyNetError(f"{path}: expected the ending {ending} in lower case, got {self._path.suffix}")
         self._ros = 1 if ending == ".bag" else 2
-        if not 0 <= slop < math.inf:
-            raise AnyNetError(f"expected slop of 0 seconds or more, got {slop:g}")
+        if not 0 <= slop <= MAX_SLOP:
+            raise AnyNetError(f"expected slop from 0 to {MAX_SLOP} seconds, got {slop:g}")
         self._slop = round(1e9 * slop)
-        self._sides = _Waiting(), _Waiting()
+        self._pairing = Pairing(self._slop)
         self._closed = False
         with self._opened() as reader:
             found = {connection.topic: connection.msgtype for connection in reader.connections}
@@ -136,12 +96,12 @@ class Recording(Source):
 
     @property
     def unpaired(self) -> tuple[int, int]:
-        return self._sides[0].lost, self._sides[1].lost
+        return self._pairing.lost[0], self._pairing.lost[1]
 
     def frames(self) -> Iterator[Frame]:
         with self._opened() as reader:
             wanted = [connection for connection in reader.connections if connection.topic in self.topics]
-            begin, bits = None, 8
+            begin, latest, bits = None, 0, 8
             for index, (images, recorded) in enumerate(self._pairs(reader, wanted)):
                 if self._closed:
                     return
@@ -149,42 +109,42 @@ class Recording(Source):
                 levels = [levels_of(message, name) for message, name in zip(images, names, strict=True)]
                 bits = max([bits, *map(used_bits, levels)])  # of both cameras alike, and without flicker
                 left, right = left_and_right([to_8_bits(image, bits) for image in levels], names[0])
-                begin = recorded if begin is None else begin
+                latest = max(latest, recorded)  # a pair waits for an older one
+                begin = latest if begin is None else begin
                 stamp = stamp_of(images[0]) or recorded
                 frame_id = str(images[0].header.frame_id)
-                yield Frame(f"{index:06}", left, right, stamp, (recorded - begin) / 1e9, frame_id)
+                yield Frame(f"{index:06}", left, right, stamp, (latest - begin) / 1e9, frame_id)
 
     def close(self) -> None:
         self._closed = True
 
     def _pairs(self, reader: Reader1 | Reader2, connections: Sequence[Any]) -> Iterator[tuple[list[Any], int]]:
         """The messages that belong together, and when the later one was recorded."""
-        self._sides = sides = _Waiting(), _Waiting()
-        closest = math.inf
-        for connection, recorded, raw in reader.messages(connections=connections):
-            message = deserialized(self._ros, raw, connection.msgtype)
-            if len(self.topics) == 1:
-                yield [message], recorded
-                continue
-            side = self.topics.index(connection.topic)
-            own, others = sides[side], sides[1 - side]
-            stamp = stamp_of(message) or recorded
-            own.append(_Image(stamp, recorded, len(raw), message))
-            for waiting in sides:
-                waiting.forget(recorded)
-            apart, partner = others.nearest(stamp)
-            closest = min(closest, apart)
-            if apart <= self._slop:
-                pair = [own.take(len(own) - 1), others.take(partner)]
-                yield pair if side == 0 else pair[::-1], recorded
+        self._pairing = pairing = Pairing(self._slop)
+        failure: Exception | None = None
+        try:
+            for connection, recorded, raw in reader.messages(connections=connections):
+                if self._closed:
+                    return
+                message = deserialized(self._ros, raw, connection.msgtype)
+                if len(self.topics) == 1:
+                    yield [message], recorded
+                    continue
+                image = Recorded(stamp_of(message) or recorded, recorded, len(raw), message)
+                for pair in pairing.add(self.topics.index(connection.topic), image):
+                    yield _messages(pair)
+        except Exception as error:  # after the frames before it
+            failure = error
+        yield from map(_messages, pairing.rest())
+        if failure is not None:
+            raise failure
         if len(self.topics) == 1:
             return
         within = f"within {self._slop / 1e6:g} ms"
-        if closest > self._slop:
-            nearest = "" if closest == math.inf else f"; the closest two are {closest / 1e6:.1f} ms apart"
-            raise AnyNetError(f"{self._path}: no left and right image {within}{nearest} (--slop)")
-        for waiting in sides:
-            waiting.forget()
+        if pairing.closest > self._slop:
+            apart = f"; the closest two are {pairing.closest / 1e6:.1f} ms apart"
+            apart = "" if pairing.closest == math.inf else apart
+            raise AnyNetError(f"{self._path}: no left and right image {within}{apart} (--slop)")
         if sum(self.unpaired) > 1:  # one, where the recording begins or ends between two
             left, right = self.unpaired
             warnings.warn(
@@ -255,6 +215,10 @@ class Recording(Source):
                 first = next(reader.messages(connections=chosen), None)
                 infos += [] if first is None else [deserialized(self._ros, first[2], CAMERA_INFO)]
         return infos
+
+
+def _messages(pair: Pair) -> tuple[list[Any], int]:
+    return [image.message for image in pair], max(image.recorded for image in pair)
 
 
 def _pairs_of(topics: list[str]) -> list[list[str]]:

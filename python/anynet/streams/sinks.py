@@ -7,7 +7,7 @@ import secrets
 import shutil
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -43,12 +43,12 @@ class Sink(ABC):
         """Takes a result.
 
         Raises:
-            AnyNetError: if it cannot be written.
+            AnyNetError: if it cannot be written, or the sink is closed.
         """
 
     @abstractmethod
     def close(self) -> None:
-        """Completes what was written."""
+        """Completes what was written; done again, nothing."""
 
     def __enter__(self) -> Sink:
         return self
@@ -97,6 +97,7 @@ class Recorder(Sink):
         self._ending = self._path.suffix.lower()
         self._messages = Messages(1 if self._ending == ".bag" else 2)
         self._topics: dict[str, Any] = {}
+        self._closed = self._cut_off = False
         with _told(self._path):
             self._writer = self._open()
 
@@ -114,9 +115,13 @@ class Recorder(Sink):
             self._part.mkdir()
             writer = Writer2(self._part / self._path.name, version=8, storage_plugin=plugin)
         writer.open()
+        self._database = getattr(getattr(writer, "storage", None), "conn", None)
+        if self._database is not None:  # else the commit of each frame would wait for the disk
+            self._database.execute("PRAGMA synchronous = OFF")
         return writer
 
     def write(self, result: Result) -> None:
+        _check_open(self._path, self._closed)
         frame, calibration, messages = result.frame, result.pair.calibration, self._messages
         header = messages.header(frame.stamp, frame.frame_id or _FRAME_ID)
         disparity = result.estimate.disparity
@@ -142,14 +147,33 @@ class Recorder(Sink):
             values = depth if self._depth_encoding == "32FC1" else millimeters(depth)
             topics["left/depth"] = IMAGE, messages.image(header, values, self._depth_encoding)
             topics["points"] = CLOUD, messages.cloud(header, points, result.pair.left[near])
-        with _told(self._path):
-            for name, (kind, message) in topics.items():
-                if name not in self._topics:
-                    topic = f"{self._namespace}/{name}"
-                    self._topics[name] = self._writer.add_connection(topic, kind, typestore=messages.store)
-                self._writer.write(self._topics[name], frame.stamp, messages.serialize(message))
+        try:
+            with _told(self._path):
+                self._write(frame.stamp, topics)
+        except AnyNetError:
+            self._cut_off = True
+            raise
+
+    def _write(self, stamp: int, topics: dict[str, tuple[str, Any]]) -> None:
+        for name, (kind, message) in topics.items():
+            if name not in self._topics:
+                store = self._messages.store
+                self._topics[name] = self._writer.add_connection(f"{self._namespace}/{name}", kind, typestore=store)
+            self._writer.write(self._topics[name], stamp, self._messages.serialize(message))
+        if self._database is not None:
+            self._database.commit()  # SQLite takes back, on a full disk, all that is not
 
     def close(self) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        if self._cut_off:  # which was told; it keeps its unfinished name
+            with suppress(Exception):
+                if self._database is None:  # whose metadata would count messages that are not there
+                    self._writer.close()
+            with suppress(Exception):
+                self._writer.abort()
+            return
         with _told(self._path):
             self._writer.close()
             part = self._part
@@ -159,10 +183,7 @@ class Recorder(Sink):
                     part = part / f"{part.name}.mcap"
             if self._topics:
                 os.replace(part, self._path)
-            if self._messages.ros == 2:
-                shutil.rmtree(self._part)
-            else:
-                self._part.unlink(missing_ok=True)
+            self._part.unlink(missing_ok=True) if self._messages.ros == 1 else shutil.rmtree(self._part)
 
 
 class Video(Sink):
@@ -186,12 +207,14 @@ class Video(Sink):
         self._rate = _holdable(rate)
         self._part = _unfinished(self._path)
         self._writer: cv2.VideoWriter | None = None
+        self._closed = False
         self._limits: tuple[float, float] | None = None
         self._begin = 0
         self._written = 0  # frames, and those left out where the video would stand still
         self._frames = 0
 
     def write(self, result: Result) -> None:
+        _check_open(self._path, self._closed)
         picture = self._picture(result)
         height, width = picture.shape[:2]
         if self._writer is None:
@@ -222,7 +245,8 @@ class Video(Sink):
         return np.pad(picture[..., ::-1], ((0, odd[0]), (0, odd[1]), (0, 0)), mode="edge")
 
     def close(self) -> None:
-        if self._writer is None:
+        closed, self._closed = self._closed, True
+        if closed or self._writer is None:
             return
         self._writer.release()
         found = max(0, int(cv2.VideoCapture(str(self._part)).get(cv2.CAP_PROP_FRAME_COUNT)))
@@ -257,6 +281,11 @@ def _told(path: Path) -> Iterator[None]:
         raise
     except Exception as error:
         raise AnyNetError(f"cannot write {path}: {reason(error)}") from error
+
+
+def _check_open(path: Path, closed: bool) -> None:
+    if closed:
+        raise AnyNetError(f"cannot write {path}: expected an open file, got one that is closed")
 
 
 def _check_new(path: Path) -> None:

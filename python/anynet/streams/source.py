@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from types import TracebackType
 
@@ -15,6 +17,8 @@ from anynet.camera import Calibration, StereoRig
 from anynet.errors import AnyNetError
 
 Image = npt.NDArray[np.uint8]  # [H, W, 3] RGB
+
+_PAUSE = 3600.0  # seconds between two frames; to wait for longer would look like hanging
 
 
 @dataclass(frozen=True)
@@ -104,3 +108,38 @@ def left_and_right(images: Sequence[Image], where: str) -> tuple[Image, Image]:
     if width % 2:
         raise AnyNetError(f"{where}: expected side-by-side images of even width, got {width} pixels")
     return np.ascontiguousarray(image[:, : width // 2]), np.ascontiguousarray(image[:, width // 2 :])
+
+
+def check_source(source: object) -> None:
+    """Raises AnyNetError if that is no source."""
+    if not isinstance(source, Source):
+        raise AnyNetError(f"expected a source of frames (anynet.streams.Source), got {type(source).__name__}")
+
+
+def check_rate(rate: object) -> None:
+    """Raises AnyNetError if that is neither None nor frames per second."""
+    if rate is not None and not (isinstance(rate, Real) and not isinstance(rate, bool) and 0 < float(rate) < math.inf):
+        raise AnyNetError(f"expected a rate > 0, got {rate!r}")
+
+
+def check_frame(frame: Frame) -> None:
+    """Raises AnyNetError if a source gave what is no frame of two images of one size."""
+    if not isinstance(frame, Frame):
+        raise AnyNetError(f"expected the source to give frames (anynet.streams.Frame), got {type(frame).__name__}")
+    for image in (frame.left, frame.right):
+        known = isinstance(image, np.ndarray)
+        if not known or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or not image.size:
+            got = f"{image.dtype} {list(image.shape)}" if known else type(image).__name__
+            raise AnyNetError(f"frame {frame.name}: expected images as uint8 RGB arrays [H, W, 3], got {got}")
+    left_and_right((frame.left, frame.right), f"frame {frame.name}")
+    if not (isinstance(frame.time, Real) and math.isfinite(frame.time)):
+        raise AnyNetError(f"frame {frame.name}: expected its time in seconds, got {frame.time!r}")
+
+
+def check_pause(frame: Frame, before: float) -> None:
+    """Raises AnyNetError if a frame that is played at its own pace comes unbelievably long after the one before."""
+    if frame.time - before > _PAUSE:
+        raise AnyNetError(
+            f"frame {frame.name}: expected it within {_PAUSE:g} s of the one before, got {frame.time - before:g} s; "
+            "with a rate (--rate) it does not matter"
+        )

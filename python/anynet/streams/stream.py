@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from collections import Counter, deque
@@ -17,7 +16,7 @@ import numpy as np
 from anynet.camera import PairPreparation, PreparedPair, ShiftedPredictor
 from anynet.errors import AnyNetError
 from anynet.predictor import Estimate, Predictor
-from anynet.streams.source import Frame, Source
+from anynet.streams.source import Frame, Source, check_frame, check_pause, check_rate, check_source
 from anynet.streams.watch import WatchedPreparation
 from anynet.trust import Trust
 from anynet.worker import Worker
@@ -98,7 +97,7 @@ class Stream:
         watch: look at a frame now and then, whether the cameras have moved, or disparities are too small to be found.
 
     Raises:
-        AnyNetError: if an option is not that.
+        AnyNetError: if the source or an option is not that.
     """
 
     def __init__(
@@ -116,10 +115,10 @@ class Stream:
         every_frame: bool = False,
         watch: bool = True,
     ) -> None:
+        check_source(source)
+        check_rate(rate)
         if every_frame and source.live:
             raise AnyNetError("every frame of a live source cannot be kept: it does not wait")
-        if rate is not None and not 0 < rate < math.inf:
-            raise AnyNetError(f"expected a rate > 0, got {rate:g}")
         self.statistics = Statistics()
         self._source = source
         self._predictor = predictor
@@ -133,6 +132,7 @@ class Stream:
         )  # fmt: skip
         self._new_worker(predictor).close()  # wrong options are told before the source is read
         self._worker: Worker | None = None
+        self._asked = False
         self._begun = threading.Event()
         self._stopped = threading.Event()
         self._read_all = threading.Event()
@@ -146,22 +146,31 @@ class Stream:
         self._stopped.set()
 
     def results(self) -> Iterator[Result]:
-        """The results as they come. While the caller deals with one, newer frames are computed.
+        """The results as they come, once. While the caller deals with one, newer frames are computed.
 
         Raises:
-            AnyNetError: when the source fails or lies, after the results of the frames before.
+            AnyNetError: when the source fails or lies, after the results of the frames before; at once if they were
+                asked for before.
         """
+        if self._asked:
+            raise AnyNetError("expected one call of a stream's `results`, got another: make a new Stream")
+        self._asked = True
+        return self._run()
+
+    def _run(self) -> Iterator[Result]:
         thread = threading.Thread(target=self._read, name="anynet-stream", daemon=True)
         thread.start()
         try:
             yield from self._results()
         finally:
             self.stop()
-            self._source.close()
             self._dealt_with.release()
-            thread.join()
-            if self._worker is not None:
-                self._worker.close()
+            try:
+                self._source.close()
+            finally:
+                thread.join()
+                if self._worker is not None:
+                    self._worker.close()
         if self._error is not None:
             raise self._error
 
@@ -188,36 +197,45 @@ class Stream:
 
     def _read(self) -> None:
         try:
-            for frame in self._checked(self._source.frames()):
-                arrived = perf_counter()
-                self.statistics.arrived(arrived)
-                pair, findings = self._prepare(frame)
-                self._warnings.extend(findings)
-                if self._worker is None:
-                    self._worker = self._new_worker(pair.predictor(self._predictor))
-                    self._begun.set()
-                self._last = self._worker.submit(pair.left, pair.right, stamp=(frame, pair, arrived))
-                if self._every_frame:
-                    self._dealt_with.acquire()
-                if self._stopped.is_set():
-                    break
+            try:
+                self._submit_all()
+            finally:
+                self.statistics.unpaired = self._source.unpaired
         except BaseException as error:
             if not self._stopped.is_set():
                 self._error = error
         finally:
-            self.statistics.unpaired = self._source.unpaired
             self._read_all.set()
             self._begun.set()
 
+    def _submit_all(self) -> None:
+        for frame in self._checked(self._source.frames()):
+            arrived = perf_counter()
+            self.statistics.arrived(arrived)
+            pair, findings = self._prepare(frame)
+            self._warnings.extend(findings)
+            if self._worker is None:
+                self._worker = self._new_worker(pair.predictor(self._predictor))
+                self._begun.set()
+            self._last = self._worker.submit(pair.left, pair.right, stamp=(frame, pair, arrived))
+            if self._every_frame:
+                self._dealt_with.acquire()
+            if self._stopped.is_set():
+                break
+
     def _checked(self, frames: Iterator[Frame]) -> Iterator[Frame]:
         """The frames in time, as long as they have one size."""
-        begin, size = time.monotonic(), None
+        begin, before, size = time.monotonic(), 0.0, None
         for index, frame in enumerate(frames):
+            check_frame(frame)
             size = size or frame.left.shape[:2]
             if frame.left.shape[:2] != size:
                 sizes = [f"{width} x {height}" for height, width in (size, frame.left.shape[:2])]
                 raise AnyNetError(f"frame {frame.name}: expected {sizes[0]} as the frames before, got {sizes[1]}")
             if not self._source.live and not self._every_frame:
+                if not self._rate:
+                    check_pause(frame, before)
+                before = frame.time
                 due = begin + (index / self._rate if self._rate else frame.time)
                 if self._stopped.wait(max(0.0, due - time.monotonic())):
                     return

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 POINTS = 200_000  # of the cloud, at most: more are slow to send and to turn
 PANEL = 640  # pixels that images are wide at most
+MAX_DEPTH = 1e6  # meters
 SCALES = ("the weights'", "0.5", "0.75", "1", "1.5", "2")
 
 Map = npt.NDArray[np.float32]
@@ -81,6 +82,7 @@ class Page:
         chosen = SCALES[0] if input_scale is None else f"{input_scale:g}"
         if chosen not in scales:
             scales.append(chosen)
+        self._offered = tuple(weights), tuple(scales)
         self._playing = gui.add_checkbox("play", True)
         step, save = gui.add_button("step"), gui.add_button("save")
         with gui.add_folder("images"):
@@ -123,15 +125,17 @@ class Page:
         return bool(self._playing.value)
 
     def settings(self) -> Settings:
-        scale = self._scale.value
+        """What is not offered, which only another client than the page can send, counts as the nearest that is."""
+        weights, scales = self._offered
+        scale = _one_of(scales, self._scale.value)
         return Settings(
-            weights=self._weights.value,
+            weights=_one_of(weights, self._weights.value),
             input_scale=None if scale == SCALES[0] else float(scale),
-            share=self._share.value / 100,
-            left_right=self._left_right.value,
-            min_confidence=float(self._min_confidence.value),
-            drop_occluded=self._drop_occluded.value,
-            max_depth=float(self._max_depth.value) or None,
+            share=_within(0, self._share.value, 125) / 100,
+            left_right=bool(self._left_right.value),
+            min_confidence=_within(0, self._min_confidence.value, 1),
+            drop_occluded=bool(self._drop_occluded.value),
+            max_depth=_within(0, self._max_depth.value, MAX_DEPTH) or None,
         )
 
     def tell(self, text: str) -> None:
@@ -163,6 +167,14 @@ class Page:
 
     def close(self) -> None:
         self._server.stop()
+
+
+def _one_of(offered: tuple[str, ...], value: str) -> str:
+    return value if value in offered else offered[0]
+
+
+def _within(low: float, value: float, high: float) -> float:
+    return min(max(low, float(value)), high)  # low for NaN, as every comparison with it is false
 
 
 def _small(values: npt.NDArray[Any]) -> npt.NDArray[Any]:

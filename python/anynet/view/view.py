@@ -16,10 +16,11 @@ import numpy.typing as npt
 from anynet.camera import Calibration, PairPreparation, PreparedPair
 from anynet.cli.results import Writer, file_ids
 from anynet.cli.told import tell_warnings
-from anynet.errors import AnyNetError
+from anynet.errors import AnyNetError, one_line
 from anynet.io.files import make_folder
 from anynet.predictor import Estimate, Predictor
 from anynet.streams import Frame, Source
+from anynet.streams.source import check_frame, check_pause, check_rate, check_source
 from anynet.streams.watch import WatchedPreparation
 from anynet.trust import Trust, within_reach
 from anynet.view.page import Page, Settings
@@ -60,7 +61,7 @@ class View:
         watch: see `Stream`.
 
     Raises:
-        AnyNetError: if viser is missing, or the first weights cannot be used.
+        AnyNetError: if viser is missing, or the source, the rate or the first weights cannot be used.
     """
 
     def __init__(
@@ -79,6 +80,8 @@ class View:
         rate: float | None = None,
         watch: bool = True,
     ) -> None:
+        check_source(source)
+        check_rate(rate)
         self._source = source
         self._prepare = WatchedPreparation(prepare or PairPreparation(check=False), watch)
         self._device, self._precision, self._threads = device, precision, threads
@@ -99,6 +102,7 @@ class View:
     def stop(self) -> None:
         """Ends `run` soon. May be called from any thread and from signal handlers."""
         self._stopped.set()
+        self._source.close()  # it may be waiting for a camera that is lost
         self.page.changed.set()
 
     def run(self) -> None:
@@ -109,7 +113,9 @@ class View:
         """
         try:
             frames = self._frames()
-            frame, pair = next(frames)
+            if (following := next(frames, None)) is None:
+                return
+            frame, pair = following
             due = perf_counter()
             while not self._stopped.is_set():
                 self.page.changed.clear()
@@ -118,8 +124,7 @@ class View:
                     stepping = self.page.step.is_set()
                     if stepping or (self.page.playing and perf_counter() >= due):
                         self.page.step.clear()
-                        following = next(frames, None)
-                        if following is not None:
+                        if (following := next(frames, None)) is not None:
                             pause = 1 / self._rate if self._rate else max(0.0, following[0].time - frame.time)
                             due = max(perf_counter(), due + pause)
                             frame, pair = following
@@ -132,14 +137,17 @@ class View:
 
     def _frames(self) -> Iterator[tuple[Frame, PreparedPair]]:
         """The source's frames prepared, again and again; of a single one, that one once."""
-        while True:
-            count = 0
+        while not self._stopped.is_set():
+            count, before = 0, 0.0
             for frame in self._source.frames():
-                count += 1
+                check_frame(frame)
+                if not (self._source.live or self._rate):
+                    check_pause(frame, before)
+                count, before = count + 1, frame.time
                 pair, findings = self._prepare(frame)
                 tell_warnings(findings, frame.name)
                 yield frame, pair
-            if not count:
+            if not count and not self._stopped.is_set():
                 raise AnyNetError("the source has no frames")
             if count == 1 or self._source.live:
                 return
@@ -148,8 +156,8 @@ class View:
         settings = self.page.settings()
         try:
             estimate, times = self._compute(pair, settings)
-        except AnyNetError as error:
-            self.page.tell(f"**{error}**")
+        except (AnyNetError, MemoryError, RuntimeError) as error:  # PyTorch's errors are RuntimeError
+            self.page.tell(f"**{one_line(error)}**")
             return
         trust = Trust(settings.min_confidence, settings.drop_occluded)
         kept = pair.known(trust.kept(estimate))

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ import pytest
 from bags import START, BagWriter
 from PIL import Image
 
-from anynet import Predictor
+from anynet import AnyNetError, Predictor
 from anynet.io import read_disparity, read_image, write_image
 
 from .conftest import Run
@@ -266,6 +267,28 @@ def test_signals_end_it_and_complete_what_is_written(
         assert sum(1 for _ in reader.messages()) == len(frames)
     assert cv2.VideoCapture(str(video)).read()[0]
     assert sorted(path.name for path in tmp_path.iterdir() if "out" in path.name) == ["out.mcap", "out.mp4"]
+
+
+def test_each_loss_is_told(
+    run: Run, folders: tuple[Path, Path], weights: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A write that fails, and two sinks that cannot be completed."""
+    pytest.importorskip("rosbags", reason="the extra ros is not installed")
+    from anynet.streams import Recorder, Video
+
+    def failing(what: str) -> Callable[..., None]:
+        def fail(sink: object, *_: object) -> None:
+            raise AnyNetError(f"{what} {type(sink).__name__}")
+
+        return fail
+
+    monkeypatch.setattr(Video, "write", failing("write"))
+    for kind in (Recorder, Video):
+        monkeypatch.setattr(kind, "close", failing("close"))
+    options = ("--record", tmp_path / "a.mcap", "--video", tmp_path / "a.mp4")
+    result = run("stream", *folders, "--no-check", "--every-frame", "--weights", weights, *options)
+    assert result.status == 2
+    assert result.err == "anynet: write Video\nanynet: close Recorder\nanynet: close Video\n"
 
 
 def test_a_closed_pipe_is_quiet(folders: tuple[Path, Path], weights: Path, tmp_path: Path) -> None:

@@ -140,6 +140,14 @@ def test_what_cannot_be_opened(tmp_path: Path) -> None:
             Capture([name], live=name == "77")
 
 
+@pytest.mark.parametrize("names", [[], ["0", "1", "2"], "10"])
+def test_names_that_are_not_one_or_two(names: list[str]) -> None:
+    with pytest.raises(AnyNetError, match=r"^expected the names of one or two cameras or videos, got "):
+        Capture(names, live=True, open=FakeCamera)
+    with pytest.raises(AnyNetError, match=r"^expected a rate > 0, got nan"):
+        Capture(["0"], live=True, rate=float("nan"), open=FakeCamera)
+
+
 def video(path: Path, count: int, width: int = 64, rate: float = 20) -> Path:
     """Images of gray levels about 20, 30, ..."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate, (width, 48))

@@ -77,3 +77,11 @@ def test_a_damaged_file_and_closing(tmp_path: Path) -> None:
     next(frames)
     source.close()
     assert list(frames) == []
+
+
+def test_no_files_and_no_rate(tmp_path: Path) -> None:
+    with pytest.raises(AnyNetError, match=r"^expected pairs of image files, got none$"):
+        ImageFiles([])
+    for rate in (0, float("nan"), "10"):
+        with pytest.raises(AnyNetError, match=r"^expected a rate > 0, got "):
+            ImageFiles([("a", tmp_path / "a.png", None)], rate=rate)

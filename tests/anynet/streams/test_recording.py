@@ -5,13 +5,14 @@ import sqlite3
 import time
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from anynet.camera import Calibration, StereoRig
 from anynet.errors import AnyNetError
-from anynet.streams import Frame, Recording, recording
+from anynet.streams import Frame, Recording, pairing, recording
 
 pytest.importorskip("rosbags", reason="the extra ros is not installed")
 
@@ -203,7 +204,7 @@ def test_images_wait_for_partners_that_come_late(tmp_path: Path, recwarn: pytest
 @pytest.mark.parametrize("bound", ["_WAIT", "_WAITING", "_WAITING_BYTES"])
 def test_images_that_wait_in_vain_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bound: str) -> None:
     """For longer than a driver takes, or too many for the memory."""
-    monkeypatch.setattr(recording, bound, {"_WAIT": 5 * 33 * MS, "_WAITING": 6, "_WAITING_BYTES": 700}[bound])
+    monkeypatch.setattr(pairing, bound, {"_WAIT": 5 * 33 * MS, "_WAITING": 6, "_WAITING_BYTES": 700}[bound])
     path = late(tmp_path / "a.mcap", delay=5)
     assert len(read(path)) == 30
     source = Recording(late(tmp_path / "b.mcap", delay=10))
@@ -212,6 +213,33 @@ def test_images_that_wait_in_vain_are_counted(tmp_path: Path, monkeypatch: pytes
     assert 1 <= len(frames) < 10
     assert source.unpaired == (30 - len(frames), 30 - len(frames))
     assert all((frame.left == frame.right).all() for frame in frames)
+
+
+def test_frames_before_a_damaged_message_come_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also those that wait for a left image that found no partner yet."""
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.image("/left/image", images(0)[0], START)
+        for index in range(1, 6):
+            for side, image in zip(("left", "right"), images(index), strict=True):
+                bag.image(f"/{side}/image", image, START + 100 * MS * index)
+    whole, calls = recording.deserialized, iter(range(100))
+
+    def deserialized(*arguments: Any) -> Any:
+        if next(calls) == 9:
+            raise AnyNetError("damaged")
+        return whole(*arguments)
+
+    monkeypatch.setattr(recording, "deserialized", deserialized)
+    frames: list[Frame] = []
+    with pytest.raises(AnyNetError, match="damaged"):
+        frames.extend(Recording(tmp_path / "a.mcap").frames())
+    assert [frame.stamp - START for frame in frames] == [100 * MS * index for index in (1, 2, 3, 4)]
+
+
+@pytest.mark.parametrize("slop", [-1, 1e300, float("inf"), float("nan")])
+def test_slop_that_cannot_be(tmp_path: Path, slop: float) -> None:
+    with pytest.raises(AnyNetError, match=r"^expected slop from 0 to 3600 seconds, got "):
+        Recording(write(tmp_path / "a.mcap"), slop=slop)
 
 
 def test_a_recording_of_one_topic_twice(tmp_path: Path) -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import resource
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -116,8 +119,6 @@ def test_mcap_by_the_mcap_library(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["out.bag", "folder", "again.mcap"])
 def test_bags(tmp_path: Path, name: str) -> None:
     """ROS 2 bags by Python's own SQLite; the messages of all by rosbags."""
-    import sqlite3
-
     from rosbags.highlevel import AnyReader
 
     path = tmp_path / name
@@ -273,19 +274,70 @@ def test_video_at_rates_that_mpeg_4_does_not_hold(tmp_path: Path, rate: float, h
     assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 2
 
 
-def test_video_on_a_full_disk(tmp_path: Path) -> None:
+@contextmanager
+def full_disk(size: int = 100) -> Iterator[None]:
+    """Within, no file grows beyond that many bytes."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_video_on_a_full_disk(tmp_path: Path) -> None:
     video = Video(tmp_path / "out.mp4", 40)
     for result in results():
         video.write(result)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
-    try:
-        with pytest.raises(AnyNetError, match=r"out\.mp4: expected 5 frames, got 0 \(is the disk full\?\); what"):
-            video.close()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    message = r"out\.mp4: expected 5 frames, got 0 \(is the disk full\?\); what"
+    with full_disk(), pytest.raises(AnyNetError, match=message):
+        video.close()
+    video.close()
     (part,) = os.listdir(tmp_path)
     assert part.endswith(".part.mp4")
+
+
+@pytest.mark.parametrize("name", ["out.bag", "out.mcap", "folder"])
+def test_recordings_on_a_full_disk(tmp_path: Path, name: str) -> None:
+    """They keep the unfinished name also if there is room again, and a database keeps the frames before."""
+    recorder = Recorder(tmp_path / name)
+    given = results() if name == "folder" else [large() for _ in range(3)]  # bags are written by the megabyte
+    for result in given:
+        recorder.write(result)
+    (part,) = os.listdir(tmp_path)
+    inside = [path for path in (tmp_path / part, *(tmp_path / part).rglob("*")) if path.is_file()]
+    with full_disk(sum(path.stat().st_size for path in inside)), pytest.raises(AnyNetError, match=r"^cannot write "):
+        write_on(recorder)
+    recorder.close()
+    recorder.close()
+    assert os.listdir(tmp_path) == [part]
+    if name == "folder":
+        with closing(sqlite3.connect(tmp_path / part / name / "folder.db3")) as database:
+            ((count,),) = database.execute("SELECT COUNT(*) FROM messages")
+        assert count == 15
+
+
+def write_on(recorder: Recorder) -> None:
+    for _ in range(10):
+        recorder.write(large())
+
+
+def large() -> Result:
+    """A frame of half a megabyte."""
+    left, disparity = np.zeros((400, 400, 3), np.uint8), np.ones((400, 400), np.float32)
+    frame = Frame("0", left, left, STAMPS[-1], 0.0)
+    return Result(frame, PreparedPair(left, left, None), Estimate(4, disparity, 1.0))
+
+
+@pytest.mark.parametrize("name", ["out.bag", "out.mcap", "folder", "out.mp4"])
+def test_a_second_close_does_nothing(tmp_path: Path, name: str) -> None:
+    sink = Video(tmp_path / name, 40) if name == "out.mp4" else Recorder(tmp_path / name)
+    with sink:
+        sink.write(results()[0])
+        sink.close()
+    assert os.listdir(tmp_path) == [name]
+    with pytest.raises(AnyNetError, match=f"cannot write .*{name}: expected an open file, got one that is closed$"):
+        sink.write(results()[1])
 
 
 def test_video_that_cannot_be_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

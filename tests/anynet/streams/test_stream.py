@@ -75,6 +75,8 @@ def test_budget_and_stage_and_their_errors(stub: Stub) -> None:
         Stream(Frames(frames), stub, budget_ms=-1)
     with pytest.raises(AnyNetError, match="expected a rate > 0, got 0"):
         Stream(Frames(frames), stub, rate=0)
+    with pytest.raises(AnyNetError, match="expected a rate > 0, got '5'"):
+        Stream(Frames(frames), stub, rate="5")
     with pytest.raises(AnyNetError, match="live source cannot be kept"):
         Stream(Frames(frames, live=True), stub, every_frame=True)
 
@@ -88,22 +90,76 @@ def test_sizes_that_change_end_it_after_the_results_before(stub: Stub) -> None:
         next(results)
 
 
+IMAGE = np.zeros((16, 24, 3), np.uint8)
+
+
 @pytest.mark.parametrize(
-    "images",
+    ("images", "message"),
     [
-        (np.zeros((16, 24), np.uint8), np.zeros((16, 24), np.uint8)),
-        (np.zeros((16, 24, 3), np.float32), np.zeros((16, 24, 3), np.float32)),
-        (np.zeros((16, 24, 3), np.uint8), np.zeros((16, 23, 3), np.uint8)),
-        (np.zeros((0, 24, 3), np.uint8), np.zeros((0, 24, 3), np.uint8)),
+        ((IMAGE[..., 0], IMAGE[..., 0]), "expected images as uint8 RGB arrays [H, W, 3], got uint8 [16, 24]"),
+        ((IMAGE, IMAGE.astype(float)), "expected images as uint8 RGB arrays [H, W, 3], got float64 [16, 24, 3]"),
+        ((None, IMAGE), "expected images as uint8 RGB arrays [H, W, 3], got NoneType"),
+        ((IMAGE, IMAGE[:, 1:]), "expected two images of one size, got 24 x 16 and 23 x 16"),
+        ((IMAGE[:0], IMAGE[:0]), "expected images as uint8 RGB arrays [H, W, 3], got uint8 [0, 24, 3]"),
     ],
 )
-def test_garbage_ends_it(stub: Stub, images: tuple[np.ndarray, np.ndarray]) -> None:
+def test_garbage_ends_it(stub: Stub, images: tuple[np.ndarray, np.ndarray], message: str) -> None:
+    """Also as the second frame, which is looked at otherwise."""
     garbage = Frame("000001", *images, stamp=1, time=0.0)
     threads = threading.active_count()
-    with pytest.raises(AnyNetError) as caught:
-        list(Stream(Frames([garbage]), stub).results())
-    assert "\n" not in str(caught.value)
+    for frames in ([garbage], [frame(0), garbage]):
+        with pytest.raises(AnyNetError) as caught:
+            list(Stream(Frames(frames), stub).results())
+        assert str(caught.value) == f"frame 000001: {message}"
     assert threading.active_count() == threads
+
+
+def test_what_is_no_source_or_frame(stub: Stub) -> None:
+    class Duck:
+        live = False
+
+    for source in ("left.png", Duck()):
+        with pytest.raises(AnyNetError, match=r"expected a source of frames \(anynet.streams.Source\), got (str|Duck)"):
+            Stream(source, stub)
+    with pytest.raises(AnyNetError, match=r"expected the source to give frames \(anynet.streams.Frame\), got str$"):
+        list(Stream(Frames(["left.png"]), stub).results())
+
+
+@pytest.mark.parametrize(
+    ("time", "message"),
+    [
+        (1.7e9, r"it within 3600 s of the one before, got 1.7e\+09 s; with a rate \(--rate\) it does not matter$"),
+        (np.inf, "its time in seconds, got inf$"),
+        (np.nan, "its time in seconds, got nan$"),
+        ("0", "its time in seconds, got '0'$"),
+    ],
+)
+def test_times_that_never_come(stub: Stub, time: float, message: str) -> None:
+    with pytest.raises(AnyNetError, match=f"^frame 000001: expected {message}"):
+        list(Stream(Frames([frame(0), frame(1, time=time)]), stub).results())
+    if time == 1.7e9:
+        for options in ({"rate": 1000}, {"every_frame": True}):
+            assert list(Stream(Frames([frame(0), frame(1, time=time)]), stub, **options).results())
+
+
+@pytest.mark.parametrize("what", ["unpaired", "close"])
+def test_a_source_that_fails_at_the_end(stub: Stub, what: str) -> None:
+    def fail(*_: object) -> None:
+        raise OSError("gone")
+
+    source = type("Failing", (Frames,), {what: property(fail) if what == "unpaired" else fail})([frame(0)])
+    threads = threading.active_count()
+    with pytest.raises(OSError, match="gone"):
+        list(Stream(source, stub, every_frame=True).results())
+    assert threading.active_count() == threads
+
+
+def test_results_are_asked_for_once(stub: Stub) -> None:
+    stream = Stream(Frames([frame(0)]), stub, every_frame=True)
+    assert len(list(stream.results())) == 1
+    with pytest.raises(AnyNetError, match="expected one call of a stream's `results`, got another"):
+        stream.results()
+    assert stream.statistics.summary()["dropped"] == 0
 
 
 def test_what_the_source_raises_reaches_the_caller(stub: Stub) -> None:

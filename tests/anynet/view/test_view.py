@@ -84,6 +84,93 @@ def test_a_save_that_fails_is_told_on_the_page(view: View) -> None:
     wait(lambda: shown(view)[1].startswith("saved to"))
 
 
+@pytest.mark.parametrize(
+    ("control", "value", "setting", "counts"),
+    [
+        ("min_confidence", float("nan"), "min_confidence", 0),
+        ("min_confidence", 1.5, "min_confidence", 1),
+        ("max_depth", float("nan"), "max_depth", None),
+        ("max_depth", -1.0, "max_depth", None),
+        ("max_depth", float("inf"), "max_depth", 1e6),
+        ("share", -5, "share", 0),
+        ("share", 10**9, "share", 1.25),
+        ("weights", "/etc/hostname", "weights", "default"),
+        ("scale", "4", "input_scale", None),
+        ("scale", "x", "input_scale", None),
+    ],
+)
+def test_what_is_not_offered(view: View, control: str, value: object, setting: str, counts: object) -> None:
+    """viser passes on whatever a client sends, if it is of the control's type."""
+    getattr(view.page, f"_{control}").value = value
+    assert getattr(view.page.settings(), setting) == counts
+    estimate = view.estimate
+    wait(lambda: view.estimate is not estimate)
+
+
+def test_settings_that_fail_are_told_on_the_page(view: View, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise RuntimeError("out of\nmemory")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(view, "_loaded", fail)
+        view.page._scale.value = "2"
+        wait(lambda: shown(view)[1] == "**out of memory**")
+    view.page._scale.value = "0.5"
+    wait(lambda: shown(view)[1].startswith("**stage "))
+
+
+def test_a_stop_while_a_camera_is_opened_again() -> None:
+    lost, reopened = threading.Event(), threading.Event()
+
+    class Camera:
+        def __init__(self, name: str) -> None:
+            if lost.is_set():
+                reopened.set()
+
+        def isOpened(self) -> bool:
+            return not lost.is_set()
+
+        def retrieve(self) -> tuple[bool, np.ndarray]:
+            return True, np.zeros((48, 128, 3), np.uint8)
+
+        def get(self, key: int) -> float:
+            return 30.0
+
+        def set(self, key: int, value: float) -> bool:
+            return True
+
+        def release(self) -> None:
+            pass
+
+        grab = isOpened
+
+    view = View(Capture(["0"], live=True, reconnect=60, open=Camera), prepare=PairPreparation(check=False), port=18110)
+    thread = threading.Thread(target=view.run, daemon=True)
+    thread.start()
+    wait(lambda: view.estimate is not None)
+    lost.set()
+    assert reopened.wait(60)
+    view.stop()
+    thread.join(30)
+    assert not thread.is_alive()
+
+
+def test_a_stop_before_the_first_frame() -> None:
+    image = np.zeros((48, 64, 3), np.uint8)
+    view = View(StillPair("scene", image, image), prepare=PairPreparation(check=False), port=18111)
+    view.stop()
+    view.run()
+    assert view.estimate is None
+
+
+@pytest.mark.parametrize(
+    ("source", "rate"), [("left.png", None), (StillPair("", *np.zeros((2, 8, 8, 3), np.uint8)), 0)]
+)
+def test_what_is_no_source_or_rate(source: object, rate: float | None) -> None:
+    with pytest.raises(AnyNetError, match=r"expected a (source of frames|rate > 0)"):
+        View(source, rate=rate)
+
+
 @pytest.mark.slow
 def test_in_a_browser(view: View, tmp_path: Path) -> None:
     selenium = pytest.importorskip("selenium", reason="the browser test needs selenium")
