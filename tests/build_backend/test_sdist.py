@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("setuptools")
+pytest.importorskip("setuptools", minversion="77")  # as pyproject.toml says
 
 ROOT = Path(__file__).parents[2]
 NEEDED = ["build_backend", "cmake", "csrc", "python", "anynet_ext", "tests/kernels", "tests/cuda", "CMakeLists.txt"]

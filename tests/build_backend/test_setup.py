@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from processes import completed
 
-pytest.importorskip("setuptools")
+pytest.importorskip("setuptools", minversion="77")  # as pyproject.toml says
 
 ROOT = Path(__file__).parents[2]
 
