@@ -219,9 +219,12 @@ def _completed() -> Iterator[list[Sink]]:
     for sink in sinks:
         try:
             sink.close()
-        except AnyNetError as error:
+        except BaseException as error:  # the other sinks are closed all the same
             if isinstance(failure, AnyNetError):
                 tell(str(failure))
+            elif failure is not None and isinstance(error, AnyNetError):  # an interruption, which goes on
+                tell(str(error))
+                continue
             failure = error
     if failure is not None:
         raise failure

@@ -58,14 +58,19 @@ def write_depth(path: str | Path, depth: npt.NDArray[np.float32]) -> None:
     elif suffix == ".npy":
         np.save(buffer, depth)
     elif suffix == ".png":
-        levels = np.round(np.where(depth > 0, depth, 0) * np.float64(_MILLIMETERS))
-        far = int(np.count_nonzero(levels > 65535))
+        levels = millimeters(depth)
+        far = int(np.count_nonzero((depth > 0) & (levels == 0)))
         if far:
             warnings.warn(f"{path}: {far} pixels are farther than 65.535 m, and so unknown in this PNG", stacklevel=2)
-        levels = np.where((depth > 0) & (levels <= 65535), levels.clip(min=1), 0)
         chunk = PngImagePlugin.PngInfo()
         chunk.add_text(_SCALE, str(_MILLIMETERS))
-        Image.fromarray(levels.astype(np.uint16)).save(buffer, format="PNG", pnginfo=chunk)
+        Image.fromarray(levels).save(buffer, format="PNG", pnginfo=chunk)
     else:
         raise AnyNetError(f"{path}: expected a name of a depth map ending in .tiff, .npy or .png")
     write_atomically(path, buffer.getvalue())
+
+
+def millimeters(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
+    """Depth in meters, NaN where unknown, as whole millimeters from 1 on, 0 where unknown or beyond 65.535 m."""
+    levels = np.round(np.where(depth > 0, depth, 0) * np.float64(_MILLIMETERS))
+    return np.where((depth > 0) & (levels <= 65535), levels.clip(min=1), 0).astype(np.uint16)

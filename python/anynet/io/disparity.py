@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from anynet.errors import AnyNetError
+from anynet.errors import AnyNetError, one_line
 from anynet.io.files import check_size, read_bytes, telling_damage, write_atomically
 from anynet.io.images import open_image
 
@@ -102,7 +102,10 @@ def as_map(path: str | Path, values: npt.ArrayLike) -> npt.NDArray[np.float32]:
     Raises:
         AnyNetError: if they are no numbers of shape [H, W] with at least one pixel.
     """
-    array = np.asarray(values)
+    try:
+        array = np.asarray(values)
+    except Exception as error:  # a tensor's, for example, that requires gradients or is on a GPU
+        raise AnyNetError(f"{path}: expected a map of numbers [H, W]; {one_line(error)}") from None
     if array.ndim != 2 or not array.size or array.dtype.kind not in "fiu":
         raise AnyNetError(f"{path}: expected a map of numbers [H, W], got {array.dtype} {list(array.shape)}")
     return array.astype(np.float32)

@@ -279,3 +279,15 @@ def _looked_up(levels: npt.NDArray[Any], table: npt.NDArray[Any]) -> npt.NDArray
         part = slice(start, start + 2**20)
         found[part] = table[levels.reshape(-1)[part]]
     return found.reshape(levels.shape)
+
+
+def check_pair(left: Any, right: Any, where: str = "") -> None:
+    """Raises AnyNetError unless they are uint8 RGB arrays [H, W, 3] of one size; `where` begins the message."""
+    for name, image in (("left", left), ("right", right)):
+        known = isinstance(image, np.ndarray)
+        if not known or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or not image.size:
+            got = f"{image.dtype} {list(image.shape)}" if known else type(image).__name__
+            raise AnyNetError(f"{where}expected {name} as uint8 RGB array [H, W, 3], got {got}")
+    if left.shape != right.shape:
+        sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in (left, right))
+        raise AnyNetError(f"{where}expected two images of one size, got {sizes}")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 _WAIT = 5 * 10**9  # nanoseconds of the recording that an image waits for its partner: drivers may be late
+_HOLD = _WAIT // 20  # ... and that newer pairs wait for it
 _WAITING, _WAITING_BYTES = 1000, 2**29  # images of one camera that wait, at most
 
 
@@ -28,8 +29,8 @@ Pair = tuple[Recorded, Recorded]
 class Pairing:
     """Pairs images as they come, in whatever order: those that are each other's nearest by their stamps.
 
-    A pair is settled when both cameras have gone on, so that nothing nearer is to come. It waits for older images that
-    still wait for their partners, so that pairs come out by their stamps.
+    A pair is settled when both cameras have gone on, so that nothing nearer is to come, or when its images wait no
+    longer. It waits a little for older images without partners, so that pairs come out by their stamps.
 
     Args:
         slop: nanoseconds that two may be apart.
@@ -57,13 +58,13 @@ class Pairing:
         before, self._until = self._until, min(self._last)
         self._settle(min(before, self._until, image.stamp) - self._slop)
         for own, waiting in enumerate(self._waiting):
-            kept = [other for other in waiting if image.recorded - other.recorded <= _WAIT]
-            self.lost[own] += len(waiting) - len(kept)
-            waiting[:] = kept
-        pairs = self._released()
+            for other in [other for other in waiting if image.recorded - other.recorded > _WAIT]:
+                if other in waiting:  # not paired with the one before
+                    self._give_up(own, other)
+        pairs = self._released(image.recorded)
         while self._too_many() and any(self._waiting):
-            self._lose_oldest()
-            pairs += self._released()
+            self._give_up_oldest()
+            pairs += self._released(image.recorded)
         return pairs
 
     def rest(self) -> list[Pair]:
@@ -71,8 +72,8 @@ class Pairing:
         self._until = math.inf
         self._settle(-math.inf)
         while any(self._waiting):
-            self._lose_oldest()
-        return self._released()
+            self._give_up_oldest()
+        return self._released(0)
 
     def _settle(self, since: float) -> None:
         """Makes pairs of those that are each other's nearest; since that stamp something is new."""
@@ -85,13 +86,31 @@ class Pairing:
                 if right is None or right.stamp > self._until or abs(right.stamp - left.stamp) > self._slop:
                     continue
                 if _nearest(lefts, right) is left:
-                    lefts.remove(left)
-                    rights.remove(right)
-                    insort(self._pairs, (left, right), key=_left_stamp)
+                    self._join(left, right)
                     found, since = True, min(since, left.stamp - 2 * self._slop)  # where others now are nearest
 
-    def _released(self) -> list[Pair]:
-        oldest = min((waiting[0].stamp for waiting in self._waiting if waiting), default=math.inf)
+    def _join(self, left: Recorded, right: Recorded) -> None:
+        self._waiting[0].remove(left)
+        self._waiting[1].remove(right)
+        insort(self._pairs, (left, right), key=_left_stamp)
+
+    def _give_up(self, side: int, image: Recorded) -> None:
+        """Takes an image that waits no longer with what is its nearest now, or as lost."""
+        own, others = self._waiting[side], self._waiting[1 - side]
+        partner = _nearest(others, image)
+        if partner and abs(partner.stamp - image.stamp) <= self._slop and _nearest(own, partner) is image:
+            self._join(*((image, partner) if side == 0 else (partner, image)))
+        else:
+            own.remove(image)
+            self.lost[side] += 1
+
+    def _give_up_oldest(self) -> None:
+        side = min((side for side in (0, 1) if self._waiting[side]), key=lambda side: self._waiting[side][0].stamp)
+        self._give_up(side, self._waiting[side][0])
+
+    def _released(self, now: int) -> list[Pair]:
+        waiting = (image for images in self._waiting for image in images)
+        oldest = min((image.stamp for image in waiting if now - image.recorded <= _HOLD), default=math.inf)
         count = sum(left.stamp <= oldest for left, _ in self._pairs)
         pairs, self._pairs = self._pairs[:count], self._pairs[count:]
         return pairs
@@ -102,11 +121,6 @@ class Pairing:
             if len(sizes) > _WAITING or (len(sizes) > 1 and sum(sizes) > _WAITING_BYTES):
                 return True
         return False
-
-    def _lose_oldest(self) -> None:
-        side = min((side for side in (0, 1) if self._waiting[side]), key=lambda side: self._waiting[side][0].stamp)
-        self._waiting[side].pop(0)
-        self.lost[side] += 1
 
 
 def _nearest(others: Sequence[Recorded], image: Recorded) -> Recorded | None:

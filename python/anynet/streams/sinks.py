@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from anynet.errors import AnyNetError
+from anynet.io.depth import millimeters
 from anynet.io.files import reason
 from anynet.streams.ros import CAMERA_INFO, CLOUD, DISPARITY, IMAGE, Messages, require_rosbags
 from anynet.streams.stream import Result
@@ -121,7 +122,7 @@ class Recorder(Sink):
         return writer
 
     def write(self, result: Result) -> None:
-        _check_open(self._path, self._closed)
+        _check_open(self._path, self._closed or self._cut_off)
         frame, calibration, messages = result.frame, result.pair.calibration, self._messages
         header = messages.header(frame.stamp, frame.frame_id or _FRAME_ID)
         disparity = result.estimate.disparity
@@ -147,19 +148,21 @@ class Recorder(Sink):
             values = depth if self._depth_encoding == "32FC1" else millimeters(depth)
             topics["left/depth"] = IMAGE, messages.image(header, values, self._depth_encoding)
             topics["points"] = CLOUD, messages.cloud(header, points, result.pair.left[near])
+        with _told(self._path):  # what cannot be said spoils this frame alone
+            serialized = {name: (kind, messages.serialize(message)) for name, (kind, message) in topics.items()}
         try:
             with _told(self._path):
-                self._write(frame.stamp, topics)
+                self._write(frame.stamp, serialized)
         except AnyNetError:
             self._cut_off = True
             raise
 
     def _write(self, stamp: int, topics: dict[str, tuple[str, Any]]) -> None:
-        for name, (kind, message) in topics.items():
+        for name, (kind, data) in topics.items():
             if name not in self._topics:
                 store = self._messages.store
                 self._topics[name] = self._writer.add_connection(f"{self._namespace}/{name}", kind, typestore=store)
-            self._writer.write(self._topics[name], stamp, self._messages.serialize(message))
+            self._writer.write(self._topics[name], stamp, data)
         if self._database is not None:
             self._database.commit()  # SQLite takes back, on a full disk, all that is not
 
@@ -266,12 +269,6 @@ def _holdable(rate: float) -> float:
     return next(near for digits in (3, 2, 1) if (near := round(rate, digits)) * 10**digits <= _TICKS)
 
 
-def millimeters(depth: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
-    """Depth in meters, NaN where unknown, as whole millimeters, 0 where unknown or beyond 65.535 m."""
-    levels = np.round(np.where(np.isfinite(depth), depth, 0) * 1000)
-    return np.where(levels <= 65535, levels, 0).astype(np.uint16)
-
-
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
     """Errors of files and of `rosbags` as one line."""
@@ -285,7 +282,7 @@ def _told(path: Path) -> Iterator[None]:
 
 def _check_open(path: Path, closed: bool) -> None:
     if closed:
-        raise AnyNetError(f"cannot write {path}: expected an open file, got one that is closed")
+        raise AnyNetError(f"cannot write {path}: expected an open file, got one that is closed or was cut off")
 
 
 def _check_new(path: Path) -> None:

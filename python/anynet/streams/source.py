@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from anynet.camera import Calibration, StereoRig
 from anynet.errors import AnyNetError
+from anynet.io.images import check_pair
 
 Image = npt.NDArray[np.uint8]  # [H, W, 3] RGB
 
@@ -80,7 +81,10 @@ class Source(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Lets go of files and devices; afterwards `frames` ends."""
+        """Lets go of files and devices; afterwards `frames` ends.
+
+        May be called again, and from another thread than the one that reads `frames`.
+        """
 
     def __enter__(self) -> Source:
         return self
@@ -126,12 +130,7 @@ def check_frame(frame: Frame) -> None:
     """Raises AnyNetError if a source gave what is no frame of two images of one size."""
     if not isinstance(frame, Frame):
         raise AnyNetError(f"expected the source to give frames (anynet.streams.Frame), got {type(frame).__name__}")
-    for image in (frame.left, frame.right):
-        known = isinstance(image, np.ndarray)
-        if not known or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or not image.size:
-            got = f"{image.dtype} {list(image.shape)}" if known else type(image).__name__
-            raise AnyNetError(f"frame {frame.name}: expected images as uint8 RGB arrays [H, W, 3], got {got}")
-    left_and_right((frame.left, frame.right), f"frame {frame.name}")
+    check_pair(frame.left, frame.right, f"frame {frame.name}: ")
     if not (isinstance(frame.time, Real) and math.isfinite(frame.time)):
         raise AnyNetError(f"frame {frame.name}: expected its time in seconds, got {frame.time!r}")
 

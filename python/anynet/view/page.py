@@ -82,6 +82,7 @@ class Page:
         chosen = SCALES[0] if input_scale is None else f"{input_scale:g}"
         if chosen not in scales:
             scales.append(chosen)
+        weights = [str(name) for name in weights]
         self._offered = tuple(weights), tuple(scales)
         self._playing = gui.add_checkbox("play", True)
         step, save = gui.add_button("step"), gui.add_button("save")

@@ -20,7 +20,7 @@ from anynet.errors import AnyNetError, one_line
 from anynet.io.files import make_folder
 from anynet.predictor import Estimate, Predictor
 from anynet.streams import Frame, Source
-from anynet.streams.source import check_frame, check_pause, check_rate, check_source
+from anynet.streams.source import check_frame, check_rate, check_source
 from anynet.streams.watch import WatchedPreparation
 from anynet.trust import Trust, within_reach
 from anynet.view.page import Page, Settings
@@ -102,8 +102,8 @@ class View:
     def stop(self) -> None:
         """Ends `run` soon. May be called from any thread and from signal handlers."""
         self._stopped.set()
-        self._source.close()  # it may be waiting for a camera that is lost
         self.page.changed.set()
+        self._source.close()  # it may be waiting for a camera that is lost
 
     def run(self) -> None:
         """Shows frames until `stop`.
@@ -131,19 +131,22 @@ class View:
                             break
                     if self.page.changed.wait(_POLL):
                         break
+        except Exception:
+            if not self._stopped.is_set():  # else it is what a source says that was closed meanwhile
+                raise
         finally:
-            self._source.close()
-            self.page.close()
+            try:
+                self._source.close()
+            finally:
+                self.page.close()
 
     def _frames(self) -> Iterator[tuple[Frame, PreparedPair]]:
         """The source's frames prepared, again and again; of a single one, that one once."""
         while not self._stopped.is_set():
-            count, before = 0, 0.0
+            count = 0
             for frame in self._source.frames():
                 check_frame(frame)
-                if not (self._source.live or self._rate):
-                    check_pause(frame, before)
-                count, before = count + 1, frame.time
+                count += 1
                 pair, findings = self._prepare(frame)
                 tell_warnings(findings, frame.name)
                 yield frame, pair

@@ -16,6 +16,7 @@ from bags import START, BagWriter
 from PIL import Image
 
 from anynet import AnyNetError, Predictor
+from anynet.cli.stream import _completed
 from anynet.io import read_disparity, read_image, write_image
 
 from .conftest import Run
@@ -410,3 +411,21 @@ def test_from_a_board_to_depth(run: Run, tmp_path: Path) -> None:
             points = np.frombuffer(bytes(message.data), "<f4").reshape(-1, 4)[:, :3]
             found.append(float(np.median((points @ turned)[:, 2])))  # in the raw left camera's frame
     assert found == pytest.approx(depths, rel=0.03)
+
+
+def test_every_sink_is_closed_whatever_happens(capsys: pytest.CaptureFixture[str]) -> None:
+    class Broken:
+        def __init__(self, error: BaseException | None) -> None:
+            self.error = error
+
+        def close(self) -> None:
+            closed.append(self)
+            if self.error is not None:
+                raise self.error
+
+    for errors in ((KeyboardInterrupt(), AnyNetError("lost"), None), (AnyNetError("lost"), KeyboardInterrupt(), None)):
+        closed: list[Broken] = []
+        with pytest.raises(KeyboardInterrupt), _completed() as sinks:
+            sinks += [Broken(error) for error in errors]  # type: ignore[arg-type]
+        assert closed == sinks
+        assert capsys.readouterr().err == "anynet: lost\n"

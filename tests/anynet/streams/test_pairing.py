@@ -52,14 +52,30 @@ def test_shutters_that_differ_and_delays_at_random(seed: int) -> None:
     assert paired(images) == (expected, [0, 0])
 
 
-def test_a_lost_image_holds_the_others_up_for_5_seconds_at_most() -> None:
+def test_a_lost_image_holds_the_others_up_for_a_quarter_of_a_second() -> None:
     found = Pairing(10 * MS)
     count = 0
     for stamp in range(0, 7000, 100):
         for side in (0, 1) if stamp else (0,):
             count += len(found.add(side, Recorded(stamp * MS, stamp * MS, 1, None)))
-        assert count == (0 if stamp <= 5000 else stamp // 100)
+        assert count == (0 if stamp <= 250 else stamp // 100)
     assert found.lost == [1, 0]
+
+
+@pytest.mark.parametrize("ahead", [-1, 0, 1])
+def test_pauses_longer_than_images_wait(ahead: int) -> None:
+    """The left image comes first, with the later stamp or not: its partner is there when it waits no longer."""
+    images = [
+        (side, 6000 * k + 10 + ahead * (side == "r"), 6000 * k + (side == "r")) for k in range(9) for side in "lr"
+    ]
+    pairs, lost = paired(images)
+    assert (len(pairs), lost) == (9, [0, 0])
+
+
+def test_a_camera_that_ends_loses_no_pair() -> None:
+    images = [("l", 33 * k, 33 * k) for k in range(300)] + [("r", 33 * k - 1, 33 * k + 1) for k in range(100)]
+    pairs, lost = paired(images)
+    assert (len(pairs), lost) == (100, [200, 0])
 
 
 @pytest.mark.parametrize(("bound", "value"), [("_WAITING", 20), ("_WAITING_BYTES", 2000)])

@@ -96,11 +96,11 @@ IMAGE = np.zeros((16, 24, 3), np.uint8)
 @pytest.mark.parametrize(
     ("images", "message"),
     [
-        ((IMAGE[..., 0], IMAGE[..., 0]), "expected images as uint8 RGB arrays [H, W, 3], got uint8 [16, 24]"),
-        ((IMAGE, IMAGE.astype(float)), "expected images as uint8 RGB arrays [H, W, 3], got float64 [16, 24, 3]"),
-        ((None, IMAGE), "expected images as uint8 RGB arrays [H, W, 3], got NoneType"),
+        ((IMAGE[..., 0], IMAGE[..., 0]), "expected left as uint8 RGB array [H, W, 3], got uint8 [16, 24]"),
+        ((IMAGE, IMAGE.astype(float)), "expected right as uint8 RGB array [H, W, 3], got float64 [16, 24, 3]"),
+        ((None, IMAGE), "expected left as uint8 RGB array [H, W, 3], got NoneType"),
         ((IMAGE, IMAGE[:, 1:]), "expected two images of one size, got 24 x 16 and 23 x 16"),
-        ((IMAGE[:0], IMAGE[:0]), "expected images as uint8 RGB arrays [H, W, 3], got uint8 [0, 24, 3]"),
+        ((IMAGE[:0], IMAGE[:0]), "expected left as uint8 RGB array [H, W, 3], got uint8 [0, 24, 3]"),
     ],
 )
 def test_garbage_ends_it(stub: Stub, images: tuple[np.ndarray, np.ndarray], message: str) -> None:

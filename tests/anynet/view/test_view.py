@@ -155,6 +155,26 @@ def test_a_stop_while_a_camera_is_opened_again() -> None:
     assert not thread.is_alive()
 
 
+def test_a_source_that_fails_because_it_was_closed() -> None:
+    class Lines(StillPair):
+        live = True
+
+        def frames(self) -> Iterator[Frame]:
+            yield from super().frames()
+            begun.set()
+            closed.wait(10)
+            raise ValueError("read of closed file")
+
+        def close(self) -> None:
+            closed.set()
+
+    begun, closed = threading.Event(), threading.Event()
+    view = View(Lines("scene", *np.zeros((2, 48, 64, 3), np.uint8)), prepare=PairPreparation(check=False), port=18113)
+    threading.Thread(target=lambda: begun.wait(10) and view.stop()).start()
+    view.run()
+    assert closed.is_set()
+
+
 def test_a_stop_before_the_first_frame() -> None:
     image = np.zeros((48, 64, 3), np.uint8)
     view = View(StillPair("scene", image, image), prepare=PairPreparation(check=False), port=18111)
