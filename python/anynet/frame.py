@@ -131,14 +131,6 @@ def _mirror(images: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
     return right.flip(1), left.flip(1)
 
 
-def check_arrays(left: Any, right: Any) -> None:
-    """Raises AnyNetError if they are not uint8 RGB arrays [H, W, 3] of one size."""
-    for image in (left, right):
-        if not isinstance(image, np.ndarray):
-            raise AnyNetError(f"expected images as arrays, got {type(image).__name__}")
-    check_images(left, right)
-
-
 def check_images(left: Image, right: Image, device: torch.device | None = None) -> tuple[Tensor, Tensor]:
     """The images as tensors [H, W, 3] that share their memory where possible.
 

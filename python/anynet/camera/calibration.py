@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -59,7 +60,7 @@ class Calibration:
                 unit = "meters (is the unit right?)" if name == "baseline" else "pixels"
                 raise AnyNetError(f"calibration: expected {name} up to {limit:g} {unit}, got {getattr(self, name):g}")
         if self.size is not None:
-            check_size(self.size)
+            object.__setattr__(self, "size", checked_size(self.size))
 
     def values(self) -> dict[str, Any]:
         """focal, baseline, cx, cy, doffs and size, for JSON."""
@@ -71,7 +72,7 @@ class Calibration:
         NaN where unknown, not in front of the camera, or farther than 1000 km: no disparity is that exact.
 
         Args:
-            disparity: float32 [H, W], or of single pixels in any shape but that; pixels, not finite where unknown.
+            disparity: float32 [H, W], or of single pixels, [N]; pixels, not finite where unknown.
 
         Raises:
             AnyNetError: if the calibration is known to be for maps of another size.
@@ -102,10 +103,16 @@ class Calibration:
         check_same_size(self.size, width, height)
 
 
-def check_size(size: tuple[int, int]) -> None:
-    """Raises AnyNetError unless `size` is a width and height of images."""
-    if not all(1 <= side <= 1_000_000 for side in size):
-        raise AnyNetError(f"calibration: expected an image size from 1 to 1000000, got {size[0]} x {size[1]}")
+def checked_size(size: Sequence[int]) -> tuple[int, int]:
+    """A width and height of images, of any kind of sequence (JSON has lists).
+
+    Raises:
+        AnyNetError: if it is none.
+    """
+    width, height = map(int, size)
+    if not all(1 <= side <= 1_000_000 for side in (width, height)):
+        raise AnyNetError(f"calibration: expected an image size from 1 to 1000000, got {width} x {height}")
+    return width, height
 
 
 def check_same_size(size: tuple[int, int] | None, width: int, height: int) -> None:

@@ -100,7 +100,7 @@ def _beyond(matches: Matches, reach: float, smallest: float) -> list[str]:
     if beyond < max(FEWEST / 2, _BEYOND * len(disparities)):
         return []
     largest = float(np.quantile(disparities, 0.98))
-    start = f" from {smallest:g} (--min-disparity) on" if smallest else ""
+    start = f" from {smallest:g} on" if smallest else ""
     return [
         f"{beyond} of {len(disparities)} matched corners have disparities above {smallest + reach:g} pixels (up to "
         f"{largest:.0f}), the most that the network finds{start}: use --input-scale {scale_for(largest - smallest)} "

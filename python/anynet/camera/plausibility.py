@@ -33,34 +33,38 @@ def reach_of(input_scale: float | None) -> float:
     return MAX_DISPARITY / min(1.0, input_scale or 1.0)  # enlarged images are searched farther
 
 
-def check_calibration(calibration: Calibration, width: int, height: int, reach: float = MAX_DISPARITY) -> list[str]:
+def check_calibration(
+    calibration: Calibration, width: int, height: int, reach: float = MAX_DISPARITY, smallest: float = 0.0
+) -> list[str]:
     """What is implausible about a calibration for images of this size.
 
     Args:
         calibration: of a rectified pair.
         width, height: of the images, pixels.
-        reach: the largest disparity that the network finds, pixels.
+        reach: the largest disparity that the network finds, pixels, counted from `smallest` on.
+        smallest: the smallest disparity that is looked for, pixels.
 
     Returns:
         One sentence per finding.
     """
     findings = []
+    largest = smallest + reach
     focal = calibration.focal
     if not _WIDEST * width < focal < _NARROWEST * max(width, height):
         findings.append(f"a focal length of {focal:g} pixels is implausible for images {width} pixels wide")
     findings += check_principal_point(calibration.cx, calibration.cy, width, height)
-    if calibration.doffs <= -reach:
+    if calibration.doffs <= -largest:
         findings.append(
             f"doffs is {calibration.doffs:g}: only disparities above {-calibration.doffs:g} pixels have a depth, "
-            f"and the network finds those up to {reach:g}; check the calibration, or use a smaller --input-scale"
+            f"and the network finds those up to {largest:g}; check the calibration, or use a smaller --input-scale"
         )
     if abs(calibration.doffs) > width / 2:
         findings.append(f"doffs is {calibration.doffs:g}, more than half the images' width of {width} pixels")
     ndisp = calibration.ndisp
-    if ndisp is not None and reach < ndisp < 0.9 * width:  # ETH3D's files have the width there, which says nothing
+    if ndisp is not None and largest < ndisp < 0.9 * width:  # ETH3D's files have the width there, which says nothing
         findings.append(
-            f"the scene has disparities up to {ndisp} pixels (ndisp), and the network finds those up to {reach:g}: "
-            f"use --input-scale {scale_for(ndisp)} or less"
+            f"the scene has disparities up to {ndisp} pixels (ndisp), and the network finds those up to {largest:g}: "
+            f"use --input-scale {scale_for(ndisp - smallest)} or less"
         )
     return findings
 

@@ -15,9 +15,10 @@ from anynet.camera.check import check_rectified
 from anynet.camera.matches import match_corners
 from anynet.camera.plausibility import MAX_DISPARITY, check_calibration, check_principal_point
 from anynet.camera.rig import Rectification, StereoRig
-from anynet.camera.rows import fit_rows
+from anynet.camera.rows import RowShift, fit_rows
 from anynet.camera.shift import ShiftedPredictor, min_disparity
 from anynet.errors import AnyNetError
+from anynet.io.images import check_pair
 
 if TYPE_CHECKING:
     from anynet import Predictor
@@ -124,18 +125,16 @@ class PairPreparation:
             AnyNetError: if the images are not that, the calibration is for images of another size, or the cameras
                 cannot be rectified.
         """
-        from anynet.frame import check_arrays
-
-        check_arrays(left, right)
+        check_pair(left, right)
         height, width = left.shape[:2]
         calibration, valid, notes, findings = self._calibration(width, height)
         if self._raw:
             left, right = self._rectified(width, height)(left, right)
+        smallest = self._min_disparity or 0
         if calibration is not None:
             calibration.check_size(width, height)
-            findings += check_calibration(calibration, width, height, self._reach)
+            findings += check_calibration(calibration, width, height, self._reach, smallest)
         doffs = 0.0 if calibration is None else calibration.doffs
-        smallest = self._min_disparity or 0
         searched = self._min_disparity is None and doffs > 0
         if self._check or self._fix_rows or searched:
             matches = match_corners(left, right)
@@ -143,9 +142,7 @@ class PairPreparation:
             if shift is not None and (abs(shift.shift) > _LEAST_SHIFT or abs(shift.roll) > _LEAST_ROLL):
                 right = shift.corrected(right)
                 matches = match_corners(left, right)
-                roll = math.degrees(shift.roll)
-                moved = f"{shift.shift:.2f} rows lower and turned by {roll:.3f} degrees"
-                notes.append(f"the right image was {moved}: corrected")
+                notes.append(f"the right image was {_told(shift)}: corrected")
             elif self._fix_rows and shift is None:
                 findings.append("rows not corrected: too few corners match, or the error is no small shift and roll")
             if searched:
@@ -190,3 +187,11 @@ class PairPreparation:
             self._rectifications.clear()  # one size at a time: its maps are large
             self._rectifications[size] = self._cameras.rectify(self._alpha, size)
         return self._rectifications[size]
+
+
+def _told(shift: RowShift) -> str:
+    roll = math.degrees(shift.roll)
+    return (
+        f"{abs(shift.shift):.2f} rows {'lower' if shift.shift > 0 else 'higher'} and turned {abs(roll):.3f} degrees "
+        f"{'clockwise' if roll > 0 else 'counterclockwise'}"
+    )

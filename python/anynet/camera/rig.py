@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from anynet.camera.calibration import Calibration, check_same_size, check_size
+from anynet.camera.calibration import Calibration, check_same_size, checked_size
 from anynet.errors import AnyNetError
 
 Matrix = npt.NDArray[np.float64]
@@ -110,7 +110,7 @@ class StereoRig:
         if translation.shape != (3,) or not np.isfinite(translation).all() or np.abs(translation).max() > 1e6:
             raise AnyNetError("expected a translation of 3 finite numbers between the cameras")
         if self.size is not None:
-            check_size(self.size)
+            object.__setattr__(self, "size", checked_size(self.size))
         u, _, v = np.linalg.svd(rotation)  # files round their numbers
         object.__setattr__(self, "rotation", u @ v)
         object.__setattr__(self, "translation", translation)

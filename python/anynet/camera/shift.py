@@ -19,6 +19,7 @@ from anynet.camera.calibration import Calibration
 from anynet.camera.check import negative_disparities
 from anynet.camera.matches import FEWEST, Matches
 from anynet.errors import AnyNetError
+from anynet.io.images import check_pair
 
 if TYPE_CHECKING:
     from anynet import AnyNetConfig, Estimate, Predictor
@@ -86,9 +87,7 @@ def moved_apart(left: Image, right: Image, columns: int) -> tuple[npt.NDArray[np
     Raises:
         AnyNetError: if nothing would be left, or the images are not uint8 RGB arrays of one size.
     """
-    from anynet.frame import check_arrays
-
-    check_arrays(left, right)
+    check_pair(left, right)
     assert isinstance(left, np.ndarray)
     assert isinstance(right, np.ndarray)
     if columns < 0:  # more columns at the left image's left, and at the right image's right

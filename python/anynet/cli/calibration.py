@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from anynet.cli.told import collected_warnings, tell_warnings
+from anynet.cli.told import tell_warnings, warnings_first
 from anynet.errors import AnyNetError
 
 if TYPE_CHECKING:
@@ -154,10 +154,10 @@ class CameraOptions:
 
         Its own calibration counts if the options give none.
         """
-        with collected_warnings() as told:
+        tell_warnings(source.warnings)
+        with warnings_first() as told:
             cameras = self.read(Path(named), source.size if self.calib else None) or source.calibration
-        tell_warnings([*source.warnings, *told])  # before an error that they may explain
-        return self.preparation(cameras, input_scale), told
+            return self.preparation(cameras, input_scale), told
 
     def preparation(self, cameras: Calibration | StereoRig | None, input_scale: float | None) -> PairPreparation:
         """What is done to every pair of these cameras."""

@@ -14,7 +14,7 @@ from rich.table import Table
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.network import Device, InputScale, Precision, Threads, Weights
 from anynet.cli.results import check_not_inputs, file_ids
-from anynet.cli.told import collected_warnings, tell_warnings
+from anynet.cli.told import tell_warnings, warnings_first
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
 
@@ -68,14 +68,12 @@ def demo(
 
     inputs = file_ids(path for path in (left, right, truth) if path is not None)
     check_not_inputs((out / name for name in _FILES), inputs)
-    with collected_warnings() as told:
+    with warnings_first():
         if left is not None and right is not None:
             sample = _own(left, right, truth, truth_scale)
             calibration = cameras.read(left, (sample.left.shape[1], sample.left.shape[0]))
         else:
             sample, calibration = _rendered(seed or 0) if rendered else _motorcycle()
-    tell_warnings(told)  # before an error that they may explain
-    with collected_warnings() as found:
         prepare = cameras.preparation(calibration, input_scale)
         pair = prepare(sample.left, sample.right)
     make_folder(out)
@@ -84,7 +82,7 @@ def demo(
 
     predictor = Predictor(weights, device=device, precision=precision, threads=threads, input_scale=input_scale)
     estimates, times = _run(predictor, prepare, sample)
-    tell_warnings([*found, *pair.warnings, *_truth_findings(sample, estimates[-1], truth)])
+    tell_warnings([*pair.warnings, *_truth_findings(sample, estimates[-1], truth)])
     _print_table(sample, estimates, times)
     for file in _write(out, pair, sample, estimates, times, save_rectified):
         print(file)

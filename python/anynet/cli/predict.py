@@ -14,7 +14,7 @@ from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.network import BudgetMs, Device, InputScale, Precision, Stage, Threads, Weights
 from anynet.cli.pairs import Pair, find_pairs, share_of
 from anynet.cli.results import DepthFiles, DepthFormat, DisparityFile, Format, Writer, file_ids
-from anynet.cli.told import collected_warnings, tell, tell_warnings
+from anynet.cli.told import collected_warnings, tell, tell_warnings, warnings_first
 from anynet.cli.trust import Confidence, DropOccluded, LeftRight, MaxDepth, MinConfidence
 from anynet.errors import AnyNetError
 from anynet.io.files import make_folder
@@ -104,12 +104,13 @@ def predict(
 
     from anynet.trust import Trust
 
-    with collected_warnings() as told:
+    with warnings_first() as told:
         calibration = cameras.read(pairs[0].left, _size(pairs[0].left) if cameras.calib else None)
-    tell_warnings(told)  # before an error that they may explain
-    if calibration is None and (depth_format or max_depth is not None):
-        raise AnyNetError("--depth-format and --max-depth belong to a calibration (--calib, or --focal and --baseline)")
-    prepare = cameras.preparation(calibration, input_scale)
+        if calibration is None and (depth_format or max_depth is not None):
+            raise AnyNetError(
+                "--depth-format and --max-depth belong to a calibration (--calib, or --focal and --baseline)"
+            )
+        prepare = cameras.preparation(calibration, input_scale)
     inputs = file_ids(path for pair in pairs for path in (pair.left, pair.right))
     writer = Writer(out, format or Format.png, tuple(depth_format or [DepthFormat.tiff]), max_depth, inputs)
     trust = Trust(min_confidence, drop_occluded)

@@ -19,8 +19,21 @@ def collected_warnings() -> Iterator[list[str]]:
     messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        yield messages
-    messages += dict.fromkeys(str(warning.message) for warning in caught)
+        try:
+            yield messages
+        finally:
+            messages += dict.fromkeys(str(warning.message) for warning in caught)
+
+
+@contextmanager
+def warnings_first() -> Iterator[list[str]]:
+    """As `collected_warnings`; they are told at the end, before an error that they may explain."""
+    messages: list[str] = []
+    try:
+        with collected_warnings() as messages:
+            yield messages
+    finally:
+        tell_warnings(messages)
 
 
 def tell(text: str) -> None:

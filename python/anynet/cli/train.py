@@ -106,11 +106,9 @@ def _network(options: list[str]) -> AnyNetConfig:
         try:
             values[name] = json.loads(value)
         except (ValueError, RecursionError):  # also of numbers too long for Python
-            if equals:
-                raise AnyNetError(f"--network: expected the value of {name} in JSON, got {value!r}") from None
             raise AnyNetError(
-                f"--network: expected one of {', '.join(presets.NETWORKS)}, or NAME=VALUE like features.channels=2, "
-                f"got {option!r}"
+                f"--network: expected one of {', '.join(presets.NETWORKS)}, or NAME=VALUE with the value in JSON like "
+                f"features.channels=2, got {option!r}"
             ) from None
     return config.with_options(values)
 

@@ -67,7 +67,7 @@ def test_large_images_are_told_in_their_own_pixels() -> None:
     assert check_rectified(left, right, reach=384) == []
     (near,) = check_rectified(left, right, smallest=-100)
     assert "above 92 pixels" in near
-    assert "finds from -100 (--min-disparity) on: use --input-scale 0.5" in near
+    assert "finds from -100 on: use --input-scale 0.5" in near
     (shifted,) = check_rectified(left, np.roll(right, 20, axis=0), reach=384)
     rows = float(shifted.split(" rows apart")[0].split()[-1])
     assert rows == pytest.approx(20, abs=2)

@@ -21,6 +21,13 @@ def test_other_units(baseline: float, word: str) -> None:
     assert "--calib-unit" in finding
 
 
+def test_the_most_counts_from_the_smallest_disparity_on() -> None:
+    seen = Calibration(995, 0.19, 311, 255, ndisp=280)
+    assert check_calibration(seen, 741, 500, smallest=100) == []
+    (finding,) = check_calibration(seen, 741, 500, smallest=-100)
+    assert "those up to 92: use --input-scale 0.48 or less" in finding
+
+
 def test_a_good_calibration() -> None:
     assert check_calibration(GOOD, 741, 500) == []
     assert check_calibration(Calibration(995, 0.19), 741, 500) == []

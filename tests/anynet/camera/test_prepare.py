@@ -91,7 +91,7 @@ def test_what_is_no_pair_or_calibration(motorcycle: tuple[np.ndarray, np.ndarray
         (left[..., 0], right[..., 0], r"expected left as uint8 RGB array \[H, W, 3\], got uint8 \[500, 741\]"),
         (left, right / np.float32(255), "expected right as uint8 RGB array .* got float32"),
         (left, right[:99], "one size"),
-        (torch.from_numpy(left), torch.from_numpy(right), "expected images as arrays, got Tensor"),
+        (torch.from_numpy(left), torch.from_numpy(right), "expected left as uint8 RGB array .* got Tensor"),
     ):
         with pytest.raises(AnyNetError, match=message):
             PairPreparation()(one, other)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
@@ -239,6 +240,8 @@ def test_depth_of_other_sizes_and_of_what_is_unknown() -> None:
     depth = calibration.depth(disparity)
     np.testing.assert_allclose(depth, [[10, nan, nan, nan], [nan, nan, 5, 2.5]])
     np.testing.assert_allclose(calibration.depth(disparity[1, 2:]), [5, 2.5])  # single pixels
+    listed = json.loads(json.dumps(calibration.values()))
+    assert Calibration(**listed).depth(disparity).shape == (2, 4)
     for compute in (calibration.depth, calibration.points):
         with pytest.raises(AnyNetError, match="expected images of 4 x 2 as the calibration says, got 2 x 1"):
             compute(disparity[::2, ::2])

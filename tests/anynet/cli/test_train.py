@@ -48,8 +48,7 @@ def test_every_field_is_an_option(
     assert all(f"--{field.name.replace('_', '-')}" in text for field in fields(Recipe))
     for options, message in (
         (["--network", "depth=2"], "expected options among input_scale"),
-        (["--network", "groups=x"], "--network: expected the value of groups in JSON, got 'x'"),
-        (["--network", "groups"], "or NAME=VALUE like features.channels=2, got 'groups'"),
+        (["--network", "groups=x"], "or NAME=VALUE with the value in JSON like features.channels=2, got 'groups=x'"),
         (["--resume"], f"{tmp_path}: expected a run to resume (recipe.json), or --data to begin one, got neither"),
     ):
         assert main(["train", "--out", str(tmp_path), *options]) == 2
