@@ -145,9 +145,10 @@ class CameraOptions:
         from anynet.camera import Calibration
         from anynet.camera.plausibility import check_baseline
 
-        for warning in check_baseline(numbers["baseline"], "--baseline is in meters"):
+        calibration = Calibration(**numbers, origin="options")
+        for warning in check_baseline(calibration.baseline, "--baseline is in meters"):
             warnings.warn(warning, stacklevel=2)
-        return Calibration(**numbers, origin="options")
+        return calibration
 
     def for_source(self, named: str, source: Source, input_scale: float | None) -> tuple[PairPreparation, list[str]]:
         """What is done to every pair of a source of frames, of that name; and what was warned of, which is told.
