@@ -57,14 +57,9 @@ class DeployedHourglass(Deployed):
 def _halved(guide: Tensor | None) -> Tensor | None:
     """The guide in the size of the volume halved; a window at an odd side's end repeats its last row or column.
 
-    A pooling would say the same, but in old versions of PyTorch `torch.export` keeps whether the sides are odd.
+    `ceil_mode` would say the same, but `torch.export` cannot solve its guards for every size.
     """
-    if guide is None:
-        return None
-    height, width = guide.shape[-2:]
-    padded = F.pad(guide, (0, 1, 0, 1), "replicate")
-    rows = padded[..., 0:height:2, :] + padded[..., 1 : height + 1 : 2, :]
-    return (rows[..., 0:width:2] + rows[..., 1 : width + 1 : 2]) / 4
+    return None if guide is None else F.avg_pool2d(F.pad(guide, (0, 1, 0, 1), "replicate"), 2)
 
 
 def upsample_add(x: Tensor, coarse: Tensor) -> Tensor:
