@@ -141,10 +141,9 @@ class Recording(Source):
         if len(self.topics) == 1:
             return
         within = f"within {self._slop / 1e6:g} ms"
-        if pairing.closest > self._slop:
-            apart = f"; the closest two are {pairing.closest / 1e6:.1f} ms apart"
-            apart = "" if pairing.closest == math.inf else apart
-            raise AnyNetError(f"{self._path}: no left and right image {within}{apart} (--slop)")
+        if (closest := pairing.closest) > self._slop:
+            nearest = "" if closest == math.inf else f"; the closest two are {closest / 1e6:.1f} ms apart"
+            raise AnyNetError(f"{self._path}: no left and right image {within}{nearest} (--slop)")
         if sum(self.unpaired) > 1:  # one, where the recording begins or ends between two
             left, right = self.unpaired
             warnings.warn(

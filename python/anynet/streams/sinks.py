@@ -186,7 +186,10 @@ class Recorder(Sink):
                     part = part / f"{part.name}.mcap"
             if self._topics:
                 os.replace(part, self._path)
-            self._part.unlink(missing_ok=True) if self._messages.ros == 1 else shutil.rmtree(self._part)
+            if self._messages.ros == 2:
+                shutil.rmtree(self._part)
+            else:
+                self._part.unlink(missing_ok=True)
 
 
 class Video(Sink):

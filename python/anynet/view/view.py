@@ -100,7 +100,7 @@ class View:
         return self.page.url
 
     def stop(self) -> None:
-        """Ends `run` soon. May be called from any thread and from signal handlers."""
+        """Ends `run` soon, and closes the source. May be called from any thread."""
         self._stopped.set()
         self.page.changed.set()
         self._source.close()  # it may be waiting for a camera that is lost
