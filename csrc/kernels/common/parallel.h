@@ -18,8 +18,9 @@ namespace anynet::ANYNET_ISA {
 /// `body` may throw std::bad_alloc, and nothing else.
 ///
 /// Cores are not equally fast: some are small, some are lent to other work meanwhile. So each thread begins with half
-/// of its share, whose neighbors it has in its cache, and the rest goes in small parts to whoever is free. Half of one
-/// index is that index: with as many indices as threads, each thread has its own.
+/// of its share, whose neighbors it has in its cache, and the rest goes to whoever is free, in parts that become
+/// smaller: the last ones are all that a thread waits for. Half of one index is that index: with as many indices as
+/// threads, each thread has its own.
 template <class Body>
 void parallel_ranges(int64_t count, int threads, const Body& body) {
   if (threads > count) threads = static_cast<int>(count);
@@ -27,7 +28,7 @@ void parallel_ranges(int64_t count, int threads, const Body& body) {
     if (count > 0) body(int64_t{0}, count);
     return;
   }
-  constexpr int parts = 4;  // of the rest of a share
+  constexpr int parts = 9;  // of a share
   bool failed = false;      // an exception may not leave the thread that threw it
   int next = 0;
   const auto compute = [&](int64_t begin, int64_t end) {
@@ -38,14 +39,15 @@ void parallel_ranges(int64_t count, int threads, const Body& body) {
       __atomic_store_n(&failed, true, __ATOMIC_RELAXED);
     }
   };
+  const auto compute_part = [&](int share, int part) {
+    const int64_t end = count * (share + 1) / threads, size = end - count * share / threads;
+    const auto left = [&](int i) { return i < parts ? size >> i : 0; };  // before part i
+    compute(end - left(part), end - left(part + 1));
+  };
   const auto work = [&](int t) {
-    const auto share = [&](int i) { return count * i / threads; };
-    const auto half = [&](int i) { return (share(i) + share(i + 1) + 1) / 2; };
-    compute(share(t), half(t));
-    for (int i; (i = __atomic_fetch_add(&next, 1, __ATOMIC_RELAXED)) < parts * threads;) {
-      const int of = i % threads, part = i / threads;
-      const int64_t begin = half(of), rest = share(of + 1) - begin;
-      compute(begin + rest * part / parts, begin + rest * (part + 1) / parts);
+    compute_part(t, 0);
+    for (int i; (i = __atomic_fetch_add(&next, 1, __ATOMIC_RELAXED)) < (parts - 1) * threads;) {
+      compute_part(i % threads, 1 + i / threads);
     }
   };
 #ifdef ANYNET_STD_THREADS  // ThreadSanitizer does not understand libgomp's barriers

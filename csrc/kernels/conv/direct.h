@@ -34,8 +34,8 @@ template <class T>
 using lane_sequence = std::make_integer_sequence<int, lanes<T>>;
 
 /// Keeps the compiler from reading through `p` before it has computed `v`, where it would run out of registers.
-template <class T>
-ANYNET_INLINE void read_after(const T*& p, vec<T>& v) {
+template <class P, class V>
+ANYNET_INLINE void read_after(P*& p, V& v) {
 #if defined(__x86_64__)
   asm("" : "+r"(p), "+v"(v));
 #elif defined(__aarch64__)

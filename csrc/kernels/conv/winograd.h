@@ -209,11 +209,67 @@ ANYNET_INLINE void load_tiles(const T* const* rows, int64_t x, bool left, bool r
   }
 }
 
-/// `count` columns of a channel's rows, transformed, to rows `step` apart. left, right: see `load_tiles`. `ahead`: how
-/// much further on the rows will be read next.
+/// `size` or a little more: an odd number of cache lines.
+template <class T>
+constexpr int64_t odd_lines(int64_t size) {
+  constexpr int64_t line = 64 / sizeof(T);
+  return ((size + line - 1) / line | 1) * line;
+}
+
+constexpr int strip_vectors = (registers - 1) / (max_channels + 1);  // that are multiplied at once
+
+/// What a thread keeps of a strip: its transformed rows, and their products. Those of a channel lie together, so that
+/// the transforms find them at constant distances. Where positions are many those of a position do, which multiplies
+/// faster: it reads neighboring rows. A power of two between them would put all of them into the same few cache lines.
 template <class T, Over over>
-ANYNET_INLINE void transform_strip(const T* const* rows, int64_t count, bool left, bool right, int64_t ahead, T* to,
-                                   int64_t step) {
+class StripScratch {
+  static constexpr bool by_position = over == Over::depth_and_height;
+  static constexpr int positions = Tiling<T, over>::positions;
+
+ public:
+  // Where a kernel slides, rows of twice as many vectors as are multiplied at once: the two columns that it needs more
+  // cost half.
+  static constexpr int vectors = (Tiling<T, over>::taps > 1 ? 2 : 1) * strip_vectors;
+  // From one channel to the next.
+  static constexpr int64_t row = (vectors + 1) * lanes<T>, product = strip_vectors * lanes<T>;
+  static constexpr int64_t row_step = by_position ? row : odd_lines<T>(positions * row);
+  static constexpr int64_t product_step = by_position ? product : positions * product;
+
+ private:
+  const int64_t all_rows_, all_products_;  // of a position
+
+ public:
+  const Scratch<T> rows, products, zeros;
+
+  /// For so many transformed rows of a position, and images of that width.
+  StripScratch(int64_t count, int64_t out_channels, int64_t width)
+      : all_rows_(odd_lines<T>(count * row)),
+        all_products_(odd_lines<T>(out_channels * product)),
+        rows(by_position ? positions * all_rows_ : count * row_step),
+        products(positions * all_products_),
+        zeros(width + 2) {
+    fill_zero<T>(rows, by_position ? positions * all_rows_ : count * row_step);
+    fill_zero<T>(zeros, width + 2);
+  }
+
+  // From one position to the next.
+  int64_t row_position() const { return by_position ? all_rows_ : row; }
+  int64_t product_position() const { return by_position ? all_products_ : product; }
+
+  /// Moves on by such a distance once `v` is there. Compilers would compute all addresses first, and keep them in
+  /// memory.
+  template <class P>
+  static ANYNET_INLINE void advance(P*& at, int64_t distance, vec<T>& v) {
+    at += distance;
+    if constexpr (by_position) read_after(at, v);
+  }
+};
+
+/// `count` columns of a channel's rows, transformed, to those of the scratch from `to` on. left, right: see
+/// `load_tiles`. `ahead`: how much further on the rows will be read next.
+template <class T, Over over>
+ANYNET_INLINE void transform_strip(const T* const* rows, int64_t count, bool left, bool right, int64_t ahead,
+                                   const StripScratch<T, over>& scratch, T* to) {
   using Tiles = Tiling<T, over>;
   const int64_t vectors = Tiles::vectors(count);
   for (int64_t v = 0; v < vectors; ++v) {
@@ -230,20 +286,23 @@ ANYNET_INLINE void transform_strip(const T* const* rows, int64_t count, bool lef
     for (int i = 0; i < Tiles::inner_in; ++i) {
       if constexpr (Tiles::outer > 1) transform_input<T, Tiles::outer>(d + i, Tiles::inner_in);
     }
+    T* at = to + slot;
 #pragma GCC unroll 25
-    for (int p = 0; p < Tiles::positions; ++p) store(to + p * step + slot, d[p]);
+    for (int p = 0; p < Tiles::positions; ++p) {
+      store(at, d[p]);
+      scratch.advance(at, scratch.row_position(), d[p]);
+    }
   }
 }
 
-/// The products of one position: CO output channels x V vectors of `in`, the transformed rows of all input channels,
-/// `pitch` apart.
-template <class T, int taps, int CO, int V>
-void multiply(const T* in, int64_t pitch, int64_t channels, const T* weight, T* out) {
+/// The products of one position: CO output channels x V vectors of `in`, the transformed rows of all input channels.
+template <class T, Over over, int CO, int V>
+void multiply(const T* in, int64_t channels, const T* weight, T* out) {
   constexpr int L = lanes<T>;
   vec<T> sum[CO][V] = {};
-  for (int64_t c = 0; c < channels; ++c, in += pitch) {
+  for (int64_t c = 0; c < channels; ++c, in += StripScratch<T, over>::row_step) {
 #pragma GCC unroll 3
-    for (int k = 0; k < taps; ++k, weight += CO) {
+    for (int k = 0; k < Tiling<T, over>::taps; ++k, weight += CO) {
       vec<T> pixels[V];
 #pragma GCC unroll 8
       for (int v = 0; v < V; ++v) pixels[v] = load(in + k + v * L);
@@ -253,43 +312,46 @@ void multiply(const T* in, int64_t pitch, int64_t channels, const T* weight, T* 
 #pragma GCC unroll 8
   for (int o = 0; o < CO; ++o) {
 #pragma GCC unroll 8
-    for (int v = 0; v < V; ++v) store(out + (o * V + v) * L, sum[o][v]);
+    for (int v = 0; v < V; ++v) store(out + o * StripScratch<T, over>::product_step + v * L, sum[o][v]);
   }
 }
 
 template <class T>
-using Multiply = void (*)(const T*, int64_t, int64_t, const T*, T*);
+using Multiply = void (*)(const T*, int64_t, const T*, T*);
 
-template <class T, int taps, int CO, int... V>
+template <class T, Over over, int CO, int... V>
 Multiply<T> pick_multiply(int64_t vectors, std::integer_sequence<int, V...>) {
-  static constexpr Multiply<T> all[] = {multiply<T, taps, CO, V + 1>...};
+  static constexpr Multiply<T> all[] = {multiply<T, over, CO, V + 1>...};
   return all[vectors - 1];
 }
-constexpr int strip_vectors = (registers - 1) / (max_channels + 1);
-template <class T, int taps>
+template <class T, Over over>
 Multiply<T> pick_multiply(int64_t channels, int64_t vectors) {
   constexpr auto most = std::make_integer_sequence<int, strip_vectors>{};
   if constexpr (max_channels >= 8) {
-    if (channels == 8) return pick_multiply<T, taps, 8>(vectors, most);
+    if (channels == 8) return pick_multiply<T, over, 8>(vectors, most);
   }
-  return channels == 1   ? pick_multiply<T, taps, 1>(vectors, most)
-         : channels == 2 ? pick_multiply<T, taps, 2>(vectors, most)
-                         : pick_multiply<T, taps, 4>(vectors, most);
+  return channels == 1   ? pick_multiply<T, over, 1>(vectors, most)
+         : channels == 2 ? pick_multiply<T, over, 2>(vectors, most)
+                         : pick_multiply<T, over, 4>(vectors, most);
 }
 
-/// `count` columns of a tile's output rows of one channel, from the products of all positions, `step` apart. at: where
-/// the vectors of outputs begin in `out` and `positive`; -1: outside the image.
+/// `count` columns of a tile's output rows of one channel, from the products of the scratch from `products` on. at:
+/// where the vectors of outputs begin in `out` and `positive`; -1: outside the image.
 template <class T, Over over>
-ANYNET_INLINE void finish_strip(const T* products, int64_t step, int64_t count, T bias, bool relu, const T* positive,
-                                T* out, const int64_t* at) {
+ANYNET_INLINE void finish_strip(const StripScratch<T, over>& scratch, const T* products, int64_t count, T bias,
+                                bool relu, const T* positive, T* out, const int64_t* at) {
   using Tiles = Tiling<T, over>;
   const int64_t vectors = Tiles::vectors(count);
   const vec<T> lowest = splat(relu ? T(0) : -std::numeric_limits<T>::infinity());
   for (int64_t v = 0; v < vectors; ++v) {
     const int64_t x = Tiles::start(v, count), slot = Tiles::slot(v, count);
     vec<T> m[Tiles::positions];
+    const T* from = products + slot;
 #pragma GCC unroll 25
-    for (int p = 0; p < Tiles::positions; ++p) m[p] = load(products + p * step + slot);
+    for (int p = 0; p < Tiles::positions; ++p) {
+      m[p] = load(from);
+      scratch.advance(from, scratch.product_position(), m[p]);
+    }
 #pragma GCC unroll 5
     for (int i = 0; i < Tiles::outer_in; ++i) transform_output<T, Tiles::inner>(m + Tiles::inner_in * i, 1);
 #pragma GCC unroll 3
@@ -325,30 +387,6 @@ ANYNET_INLINE void prefetch_strip(T* out, const int64_t* at, int64_t count) {
   }
 }
 
-/// What a thread keeps of a strip: its transformed rows, and their products. A power of two between the positions would
-/// put all of them into the same few cache lines.
-template <class T, Over over>
-struct StripScratch {
-  static constexpr int positions = Tiling<T, over>::positions;
-  // Where a kernel slides, rows of twice as many vectors as are multiplied at once: the two columns that it needs more
-  // cost half.
-  static constexpr int vectors = (Tiling<T, over>::taps > 1 ? 2 : 1) * strip_vectors;
-  static constexpr int64_t pitch = (vectors + 1) * lanes<T>;  // of a transformed row
-
-  const int64_t position;  // from one to the next, of the rows
-  const Scratch<T> rows, products, zeros;
-
-  /// For so many transformed rows of a position, and images of that width.
-  StripScratch(int64_t count, int64_t out_channels, int64_t width)
-      : position(count * pitch + lanes<T>),
-        rows(positions * position),
-        products(positions * (out_channels * strip_vectors + 1) * lanes<T>),
-        zeros(width + 2) {
-    fill_zero<T>(rows, positions * position);
-    fill_zero<T>(zeros, width + 2);
-  }
-};
-
 /// Where a strip's outputs go: `count` columns, in `vectors` vectors, from at[] (see finish_strip) on in each of the
 /// channels of `out`, `plane` apart.
 template <class T>
@@ -366,22 +404,24 @@ struct StripTarget {
 template <class T, Over over>
 void convolve_part(const StripScratch<T, over>& scratch, const T* first, int64_t slides, const T* weights,
                    int64_t kernel, int64_t skipped, const StripTarget<T>& to) {
-  constexpr int taps = Tiling<T, over>::taps, positions = Tiling<T, over>::positions;
-  const int64_t O = to.channels, row = to.vectors * lanes<T>, step = O * row + lanes<T>;
+  using Tiles = Tiling<T, over>;
+  constexpr int taps = Tiles::taps, positions = Tiles::positions;
+  const int64_t O = to.channels;
   for (int p = 0; p < positions; ++p) {
     for (int64_t o = O * p / positions; o < O * (p + 1) / positions; ++o) {
       prefetch_strip<T, over>(to.out + o * to.plane, to.at, to.count);
     }
     for (int64_t o = 0, size; o < O; o += size) {
       size = block_at(o, O, max_channels);
-      pick_multiply<T, taps>(size, to.vectors)(
-          first + p * scratch.position, scratch.pitch, slides,
+      pick_multiply<T, over>(size, to.vectors)(
+          first + p * scratch.row_position(), slides,
           weights + p * weights_of_position(O, kernel) + o * kernel + skipped * taps * size,
-          scratch.products + p * step + o * row);
+          scratch.products + p * scratch.product_position() + o * scratch.product_step);
     }
   }
   for (int64_t o = 0; o < O; ++o) {
-    finish_strip<T, over>(scratch.products + o * row, step, to.count, to.bias == nullptr ? T(0) : to.bias[o], to.relu,
+    finish_strip<T, over>(scratch, scratch.products + o * scratch.product_step, to.count,
+                          to.bias == nullptr ? T(0) : to.bias[o], to.relu,
                           to.positive == nullptr ? nullptr : to.positive + o * to.plane, to.out + o * to.plane, to.at);
   }
 }
@@ -442,8 +482,8 @@ void convolve_tiles(const Geometry& g, const Source<T>& source, const Vector<T>&
         for (int r = 0; r < Tiles::rows; ++r) from[r] = rows[r] + x;
         for (int64_t c = 0; c < C; ++c) {
           // What slides needs two columns more.
-          transform_strip<T, over>(from, count + taps - 1, left, right, ahead, scratch.rows + c * scratch.pitch,
-                                   scratch.position);
+          transform_strip<T, over>(from, count + taps - 1, left, right, ahead, scratch,
+                                   scratch.rows + c * scratch.row_step);
           for (int r = 0; r < Tiles::rows; ++r) from[r] += to_channel[r];
         }
         int64_t at[Tiles::outer * Tiles::inner];
@@ -498,8 +538,8 @@ void convolve_heights(const Geometry& g, const Source<T>& source, const Vector<T
         for (int64_t iz = begin_z; iz < end_z; ++iz) {
           const T* from[Tiles::rows];
           for (int r = 0; r < Tiles::rows; ++r) from[r] = rows[r] + (iz - begin_z) * to_plane[r] + x;
-          for (int64_t c = 0; c < C; ++c, to += scratch.pitch) {
-            transform_strip<T, over>(from, count + taps - 1, left, right, ahead, to, scratch.position);
+          for (int64_t c = 0; c < C; ++c, to += scratch.row_step) {
+            transform_strip<T, over>(from, count + taps - 1, left, right, ahead, scratch, to);
             for (int r = 0; r < Tiles::rows; ++r) from[r] += to_channel[r];
           }
         }
@@ -510,8 +550,8 @@ void convolve_heights(const Geometry& g, const Source<T>& source, const Vector<T
           for (int64_t r = 0; r < tall; ++r) {
             at[r] = y + r < g.out_height ? (oz * g.out_height + y + r) * W + x : -1;
           }
-          convolve_strip<T, over>(scratch, scratch.rows + (from_z - begin_z) * C * scratch.pitch, (to_z - from_z) * C,
-                                  weights.data(), 3 * C * taps, (from_z - oz + 1) * C,
+          convolve_strip<T, over>(scratch, scratch.rows + (from_z - begin_z) * C * scratch.row_step,
+                                  (to_z - from_z) * C, weights.data(), 3 * C * taps, (from_z - oz + 1) * C,
                                   {O, plane, next - first, count, bias, relu,
                                    positive == nullptr ? nullptr : positive + image, out + image, at});
         }
