@@ -146,12 +146,20 @@ def augment(
     also mirrored with the views exchanged; exposure and color per view; with probability `occluders`, patches of the
     right view hidden (their truth stays: the network learns to fill in); with `perturb`, also what real rigs do
     (`as_by_a_rig`). The result's `noc` is `non_occluded`.
+
+    Raises:
+        AnyNetError: the crop is larger than the pair at the largest scale.
     """
     if isinstance(sample, RenderedSample) and rng.random() < 0.5:
         sample = mirrored(sample)
     shape = sample.disparity.shape
     low = max(scales[0], crop[0] / shape[0], crop[1] / shape[1])
-    scale = float(np.exp(rng.uniform(np.log(low), np.log(max(low, scales[1])))))
+    if low > scales[1]:
+        raise AnyNetError(
+            f"{sample.name}: a crop of {crop[0]} x {crop[1]} does not fit in {shape[0]} x {shape[1]} pixels, "
+            f"enlarged by at most {scales[1]}"
+        )
+    scale = float(np.exp(rng.uniform(np.log(low), np.log(scales[1]))))
     sample = _rescaled(sample, crop, scale, rng)
     images = sample.left, sample.right
     if photometric:

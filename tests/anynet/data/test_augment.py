@@ -144,3 +144,5 @@ def test_crop_larger_than_the_pair(rendered: RenderedSample) -> None:
         random_crop(rendered, (300, 100), np.random.default_rng(0))
     grown = augment(rendered, (300, 600), np.random.default_rng(0))
     assert grown.left.shape == (300, 600, 3)
+    with pytest.raises(AnyNetError, match=r"a crop of 300 x 900 does not fit in 256 x 512 pixels, enlarged by .* 1\.6"):
+        augment(rendered, (300, 900), np.random.default_rng(0))
