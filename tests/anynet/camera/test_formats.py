@@ -974,3 +974,97 @@ def test_a_folder_of_several_calibrations(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(AnyNetError, match="expected calibration files in the folder"):
         read_calibration(tmp_path / "empty")
+
+
+_INFRARED = {"fx": 420.0, "fy": 420.0, "ppx": 422.0, "ppy": 240.0}
+
+
+@pytest.mark.parametrize(
+    ("told", "meters"),
+    [
+        ({"baseline_in_meters": 4.0}, 4.0),
+        ({"baseline_m": 1.2}, 1.2),
+        ({"baseline_mm": 0.5}, 0.0005),
+        ({"baseline": 12.0, "unit": "cm"}, 0.12),
+        ({"translation": [-12.0, 0, 0], "unit": "cm"}, 0.12),
+    ],
+)
+def test_realsense_in_the_unit_that_is_told(tmp_path: Path, told: dict[str, object], meters: float) -> None:
+    path = write(tmp_path, "rs.json", json.dumps({"left": _INFRARED, "right": _INFRARED, **told}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # such baselines are unusual
+        assert read(path).baseline == pytest.approx(meters)
+
+
+@pytest.mark.parametrize("names", [("ir-1", "ir-2"), ("Infrared 1", "Infrared 2"), ("infra_1", "infra_2")])
+def test_realsense_by_names_of_the_right_camera(tmp_path: Path, names: tuple[str, str]) -> None:
+    cameras = {names[0]: _INFRARED, names[1]: {**_INFRARED, "ppx": 430.0}}
+    assert read(write(tmp_path, "rs.json", json.dumps({**cameras, "baseline": 50}))).doffs == 8
+
+
+def test_realsense_that_is_no_rectified_pair(tmp_path: Path) -> None:
+    def file(cameras: dict[str, object], **more: object) -> Path:
+        return write(tmp_path, "rs.json", json.dumps({**cameras, **more}))
+
+    unnamed: dict[str, object] = {"cam0": _INFRARED, "cam1": {**_INFRARED, "ppx": 430.0}}
+    with pytest.raises(AnyNetError, match="expected one of the cameras to be called right or infra2, got cam0, cam1"):
+        read(file(unnamed, baseline=50))
+    pair: dict[str, object] = {"left": _INFRARED, "right": _INFRARED}
+    with pytest.raises(AnyNetError, match="the baseline is vertical"):
+        read(file(pair, translation=[0, 0.05, 0]))
+    with pytest.raises(AnyNetError, match=r"expected the translation of a rectified camera, along x, got 0 0 0\.05"):
+        read(file(pair, translation=[0, 0, 0.05]))
+    turn = cv2.Rodrigues(np.array([0, 0.17, 0]))[0].ravel().tolist()
+    with pytest.warns(UserWarning, match="turned against the other"):
+        read(file(pair, extrinsics={"rotation": turn, "translation": [-0.05, 0, 0]}))
+
+
+def test_opencv_with_a_rotation_and_no_translation(tmp_path: Path) -> None:
+    def file(turn: float) -> Path:
+        rotation = cv2.Rodrigues(np.array([0, turn, 0], float))[0]
+        return write(
+            tmp_path, "turned.yaml", "%YAML:1.0\n" + matrix("K1", K1) + matrix("K2", K1) + matrix("R", rotation)
+        )
+
+    with pytest.raises(AnyNetError, match=r"unrectified cameras \(they are turned.*\): the calibration lacks T;"):
+        read(file(0.02), replace={"baseline": 0.1})
+    assert read(file(0), replace={"baseline": 0.1}).baseline == 0.1
+
+
+def test_projections_are_those_of_a_rectified_pair(tmp_path: Path) -> None:
+    left, right = np.array([[500, 0, 320, 0], *ROWS], float), np.array([[500, 0, 320, -50], *ROWS], float)
+    left[1, 1] = right[1, 1] = 500
+
+    def file(*projections: object) -> Path:
+        named = zip(("P1", "P2"), projections, strict=True)
+        return write(tmp_path, "projections.yaml", "%YAML:1.0\n" + "".join(matrix(*entry) for entry in named))
+
+    assert read(file(left, right)) == read(file(2 * left, 3 * right)) == Calibration(500, 0.1, 320, 240)
+    behind = right.copy()
+    behind[2, 3] = 0.03
+    with pytest.raises(AnyNetError, match=r"stand side by side, got one 0\.03 m behind the other"):
+        read(file(left, behind))
+    turned = right.copy()
+    turned[2] = 0.1, 0, 1, 0
+    with pytest.raises(AnyNetError, match=r"last row begins with 0 0 1, got 0\.1 0 1"):
+        read(file(left, turned))
+
+
+def test_cameras_of_two_sizes(tmp_path: Path) -> None:
+    text = "%YAML:1.0\n" + matrix("K1", K1) + matrix("K2", K2) + matrix("T", T)
+    named = text + "image_size_left: [640, 480]\nimage_size_right: [1280, 960]\n"
+    camera = {"K": K1, "width": 640, "height": 480}
+    inside = json.dumps({"left": camera, "right": {**camera, "width": 1280}, "T": [-0.1, 0, 0]})
+    for name, content in (("named.yaml", named), ("inside.json", inside)):
+        with pytest.raises(
+            AnyNetError, match=r"expected one width and height of both cameras, got .640, 480. and .1280,"
+        ):
+            read_calibration([write(tmp_path, name, content)])
+
+
+def test_coefficients_are_no_matrices(tmp_path: Path) -> None:
+    camera = {"fx": 500, "fy": 500, "cx": 320, "cy": 240, "k1": -0.3, "k2": 0.1, "p1": 0.001, "p2": 0.002}
+    q = [[1, 0, 0, -320], [0, 1, 0, -240], [0, 0, 0, 500], [0, 0, 10, 0]]
+    for fields in ({"left": camera, "right": camera}, camera):
+        path = write(tmp_path, "q.json", json.dumps({**fields, "Q": q}))
+        assert read(path) == Calibration(500, 0.1, 320, 240)

@@ -92,6 +92,17 @@ def from_values(found: Found, left: dict[str, float], right: dict[str, float]) -
         )
 
 
+def one_size(left: tuple[int, int] | None, right: tuple[int, int] | None) -> tuple[int, int] | None:
+    """The width and height that two cameras' images have, as far as told.
+
+    Raises:
+        AnyNetError: if they differ.
+    """
+    if None not in (left, right) and left != right:
+        raise AnyNetError(f"expected one width and height of both cameras, got {left} and {right}")
+    return left or right
+
+
 def from_projections(found: Found, left: Matrix, right: Matrix, meters: float, lacking: str) -> None:
     """Enters the values of two projection matrices [3, 4], of which P[0, 3] = -focal * place on the baseline.
 
@@ -104,13 +115,17 @@ def from_projections(found: Found, left: Matrix, right: Matrix, meters: float, l
     Raises:
         AnyNetError: if the cameras are no rectified pair side by side.
     """
-    for matrix in (left, right):
-        if not np.isfinite(matrix).all():
-            raise AnyNetError("expected projection matrices of finite numbers")
+    left, right = (_normalized(matrix) for matrix in (left, right))
     values = [camera_values(matrix, f"camera {i}") for i, matrix in enumerate((left, right), 1)]
     along, down = ((left[row, 3] - right[row, 3]) / left[0, 0] * meters for row in (0, 1))
     if abs(down) > abs(along):
         raise AnyNetError(vertical(down))
+    forward = (left[2, 3] - right[2, 3]) * meters
+    if abs(forward) > 0.01 * abs(along):
+        raise AnyNetError(
+            "expected projection matrices of a rectified pair, whose cameras stand side by side, "
+            f"got one {abs(forward):g} m behind the other"
+        )
     if along < 0:
         values.reverse()
         found.warnings.append(EXCHANGED)
@@ -119,6 +134,20 @@ def from_projections(found: Found, left: Matrix, right: Matrix, meters: float, l
         found.values["baseline"] = abs(along)
     else:
         found.lacking["baseline"] = lacking
+
+
+def _normalized(projection: Matrix) -> Matrix:
+    """So that its third row begins with 0 0 1: it is only told up to a factor."""
+    if not np.isfinite(projection).all():
+        raise AnyNetError("expected projection matrices of finite numbers")
+    third = projection[2, :3]
+    if not (third[2] and np.abs(third[:2]).max() < 1e-6 * abs(third[2])):
+        raise AnyNetError(
+            "expected projection matrices of rectified cameras, whose last row begins with 0 0 1, "
+            f"got {' '.join(f'{value:g}' for value in third)}"
+        )
+    normalized: Matrix = projection / third[2]
+    return normalized
 
 
 def from_rig(found: Found, rig: StereoRig, lacking: str = "T") -> None:

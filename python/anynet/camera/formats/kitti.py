@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from anynet.camera.document import Document
-from anynet.camera.formats.found import Found, Matrix, Request, from_projections, from_rig
+from anynet.camera.formats.found import Found, Matrix, Request, from_projections, from_rig, one_size
 from anynet.camera.rig import Camera, StereoRig
 from anynet.camera.tree import Tree, numbers
 from anynet.errors import AnyNetError
@@ -161,4 +161,5 @@ def _raw(fields: Mapping[str, Tree], left: str, right: str, meters: float) -> St
         translations.append(numbers(fields[f"T_{label}"], f"T_{label}", 3) * meters)
     rotation = rotations[1] @ rotations[0].T
     translation = translations[1] - rotation @ translations[0]
-    return StereoRig(cameras[0], cameras[1], rotation, translation, _size(fields, f"S_{left}"), "KITTI, raw cameras")
+    size = one_size(*(_size(fields, f"S_{label}") for label in (left, right)))
+    return StereoRig(cameras[0], cameras[1], rotation, translation, size, "KITTI, raw cameras")

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from anynet.camera.formats.found import Matrix
-from anynet.camera.tree import Tree, numbers, walk
+from anynet.camera.formats.found import Matrix, one_size
+from anynet.camera.tree import Tree, number, numbers, walk
 from anynet.camera.units import meters_per
 from anynet.errors import AnyNetError
 
@@ -23,7 +23,8 @@ _SIDES = (
     ("camera1", "camera2"), ("leftcamera", "rightcamera"), ("cameraleft", "cameraright"), ("camleft", "camright"),
     ("leftcam", "rightcam"), ("caml", "camr"), ("first", "second"), ("master", "slave"), ("a", "b"),
 )  # fmt: skip
-_NOT_OF_CAMERAS = ("board", "pattern", "square", "chess", "marker", "target", "corner")
+_NOT_OF_CAMERAS = ("board", "pattern", "square", "chess", "marker", "target", "corner", "validpix")
+_COEFFICIENTS = ("k1", "k2", "p1", "p2")  # of a lens, a number each, and not the matrices K1, K2, P1, P2
 _OF_A_RIG = ("stereo", "extrinsic", "pose", "transform", "relative")
 _SENSORS = (
     "imu", "accel", "gyro", "lidar", "velo", "laser", "color", "rgb", "body", "base", "world", "robot", "gps", "depth",
@@ -50,6 +51,7 @@ class Names:
             (path, node)
             for path, node in walk(tree)
             if not any(word in plain(name) for name in path for word in _NOT_OF_CAMERAS)
+            and not (path[-1] in _COEFFICIENTS and number(node) is not None)
         ]
         self._nodes = _by_name(self._fields)
         maps = {name for name, (_, node) in self._nodes.items() if _is_map(node)}
@@ -136,18 +138,25 @@ class Names:
         return either
 
     def size(self) -> tuple[int, int] | None:
-        """Width and height of the images, if told."""
+        """Width and height of the images, if told.
+
+        Raises:
+            AnyNetError: if the two cameras' differ.
+        """
+        pairs = [(self._size(left), self._size(right)) for left, right in _SIDES[:4]]
+        return next((size for pair in pairs if (size := one_size(*pair))), self._size(""))
+
+    def _size(self, side: str) -> tuple[int, int] | None:
+        """That of one side, or told without a side."""
         for names, order in ((_SIZES, 1), (_SHAPES, -1)):
             for name in names:
-                for side in ("", "1", "L", "left", "0"):
-                    found = self.one([name + side, side + name])
-                    if found is not None and (size := _size(*found)[::order]):
-                        return size[0], size[1]
+                found = self.one([name + side, side + name])
+                if found is not None and (size := _size(*found)[::order]):
+                    return size[0], size[1]
         for width, height in _SIDE_LENGTHS:
-            for side in ("", "1", "L", "left", "0"):
-                pair = self.one([width + side, side + width]), self.one([height + side, side + height])
-                if pair[0] is not None and pair[1] is not None:
-                    return _length(*pair[0]), _length(*pair[1])
+            pair = self.one([width + side, side + width]), self.one([height + side, side + height])
+            if pair[0] is not None and pair[1] is not None:
+                return _length(*pair[0]), _length(*pair[1])
         return None
 
     def meters(self) -> float | None:

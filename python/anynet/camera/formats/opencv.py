@@ -171,10 +171,13 @@ def _from_cameras(found: Found, names: Names, meters: float, raw: bool) -> None:
     found.origin = "OpenCV, " + " and ".join(dict.fromkeys(name for name, _ in cameras))
     for camera in (left, right):
         camera.check_skew()
-    if (left.distorted or right.distorted) and (rotation is None or translation is None):
+    distorted = left.distorted or right.distorted
+    turned = rotation is not None and not StereoRig(left, right, rotation, np.array([-1.0, 0.0, 0.0])).is_rectified
+    if (translation is None and (distorted or turned)) or (rotation is None and distorted):
         lacking = [name for name, known in (("R", rotation), ("T", translation)) if known is None]
+        why = "distortion is not 0" if distorted else "they are turned, or their matrices differ"
         raise AnyNetError(
-            f"of unrectified cameras (distortion is not 0): the calibration lacks {' and '.join(lacking)}; "
+            f"of unrectified cameras ({why}): the calibration lacks {' and '.join(lacking)}; "
             "give the file that has them as another --calib, or a rectified pair's --focal and --baseline alone"
         )
     if translation is None:

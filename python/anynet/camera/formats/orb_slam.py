@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from anynet.camera.document import Document
-from anynet.camera.formats.found import Found, Matrix, Request, camera_values, from_projections, from_rig
+from anynet.camera.formats.found import Found, Matrix, Request, camera_values, from_projections, from_rig, one_size
 from anynet.camera.formats.models import camera, field, inverse, model_of, pose, size_of, text
 from anynet.camera.rig import FISHEYE, Camera, StereoRig
 from anynet.camera.tree import Tree, numbers
@@ -82,12 +82,16 @@ def _with_rectification(found: Found, fields: dict[str, Tree], meters: float) ->
         )
         rotations = [_matrix(fields, f"{side}.R", 3, 3) for side in sides]
         along = (projections[1][:, 3] - projections[0][:, 3]) / projections[0][0, 0]
-        if "LEFT.width" in fields and "LEFT.height" in fields:
-            found.size = size_of([fields["LEFT.width"], fields["LEFT.height"]], "LEFT.width and LEFT.height")
+        found.size = one_size(*(_size(fields, side) for side in sides))
         rotation = rotations[1].T @ rotations[0]
         found.rig = StereoRig(left, right, rotation, rotations[1].T @ along, found.size, "ORB-SLAM, raw cameras")
         found.raw = not found.rig.is_rectified
     return found
+
+
+def _size(fields: dict[str, Tree], side: str) -> tuple[int, int] | None:
+    names = f"{side}.width", f"{side}.height"
+    return size_of([fields[name] for name in names], " and ".join(names)) if {*names} <= {*fields} else None
 
 
 def _matrix(fields: dict[str, Tree], name: str, rows: int, columns: int) -> Matrix:
