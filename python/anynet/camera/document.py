@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from anynet.camera.tree import Tree, json_document, xml_document, yaml_documents
+from anynet.camera.tree import Tree, json_document, put, xml_document, yaml_documents
 from anynet.errors import AnyNetError
 from anynet.io.files import read_bytes
 
@@ -88,7 +88,7 @@ def _parse(text: str) -> tuple[str, Tree]:
     if signs and signs.count("=") * 2 > len(signs):
         return "ini", _sections(lines)
     if lines and re.match(r"(P|S|K|R|D|T)(_rect)?_?\d+(_roi)?[ \t]*:[ \t]*[-+.\d]|calib_time", _first_line(lines)):
-        return "lines", dict(_named(lines))
+        return "lines", _named(lines)
     return "yaml", _first(yaml_documents(stripped))
 
 
@@ -119,19 +119,30 @@ def _is_numbers(line: str) -> bool:
         return False
 
 
-def _named(lines: list[str]) -> list[tuple[str, Tree]]:
-    return [(name.strip(), value.strip()) for name, sign, value in (line.partition(":") for line in lines) if sign]
+def _named(lines: list[str]) -> dict[str, Tree]:
+    fields: dict[str, Tree] = {}
+    for line in lines:
+        _add(fields, line, ":")
+    return fields
 
 
 def _sections(lines: list[str]) -> dict[str, Tree]:
     root: dict[str, Tree] = {}
+    sections: dict[str, dict[str, Tree]] = {}
     section = root
     for line in lines:
         if line.startswith("[") and line.endswith("]"):
-            section = {}
-            root[line[1:-1].strip()] = section
+            name = line[1:-1].strip()
+            if name not in sections:
+                sections[name] = {}
+                put(root, name, sections[name])
+            section = sections[name]  # the same one if its name stands twice
         else:
-            name, sign, value = line.partition("=")
-            if sign:
-                section[name.strip()] = value.strip()
+            _add(section, line, "=")
     return root
+
+
+def _add(fields: dict[str, Tree], line: str, sign: str) -> None:
+    name, found, value = line.partition(sign)
+    if found:
+        put(fields, name.strip(), value.strip())
