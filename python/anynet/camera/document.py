@@ -16,7 +16,10 @@ from anynet.io.files import read_bytes
 _LARGEST = 32 << 20  # bytes: some write the maps of a rectification into their files
 _MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 _COMMENT = re.compile(r"\s(#|//).*")
-_COMMENT_LINES = re.compile(r"^\s*(#|//).*$", re.MULTILINE)
+_COMMENT_LINES = re.compile(r"^\s*#.*$", re.MULTILINE)
+_SLASHES = re.compile(  # comments by them; what may hold slashes that begin none is kept as group 1
+    r"""(?<![^\s\[{,:])("[^"\\]*(?:\\[\s\S][^"\\]*)*"|(?:'[^']*')+|#.*)|(?<!\S)//.*"""
+)
 _FIELD = re.compile(r"([A-Za-z]\w*)[ \t]*([=:])")
 
 
@@ -70,7 +73,9 @@ def _parse(text: str) -> tuple[str, Tree]:
     stripped = text.lstrip()
     if stripped.startswith("<"):
         return "xml", xml_document(stripped)
-    bare = _COMMENT_LINES.sub("", stripped).lstrip() if stripped.startswith(("#", "//")) else stripped
+    if "//" in stripped:  # YAML and JSON do not know these comments
+        stripped = _SLASHES.sub(r"\1", stripped).lstrip()
+    bare = _COMMENT_LINES.sub("", stripped).lstrip() if stripped.startswith("#") else stripped
     if bare.startswith("{"):
         try:
             return "json", json_document(bare)

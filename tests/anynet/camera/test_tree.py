@@ -155,6 +155,25 @@ def test_names_that_may_stand_twice(tmp_path: Path, text: str, tree: Tree) -> No
     assert open_document(path).tree == tree
 
 
+@pytest.mark.parametrize(
+    ("text", "tree"),
+    [
+        ("K: [1, 2] // of the left\nT: 3\n", {"K": ["1", "2"], "T": "3"}),
+        ("// one\n%YAML:1.0\n---\nK: 1\n  // two: \"three\nT: [1, // x\n  2]\n", {"K": "1", "T": ["1", "2"]}),
+        ("a: http://x\nb: 'it''s // so' // no\nc: it's // no\n", {"a": "http://x", "b": "it's // so", "c": "it's"}),
+        ('a: "1\n  // 2 \\" // 3" // no\nb: 4 # don\'t "\nc: 5 // no\n', {"a": '1 // 2 " // 3', "b": "4", "c": "5"}),
+        ('// one\n{"a": "x // y", // two\n "b": "http://z", // three\n "c": [1] }',
+         {"a": "x // y", "b": "http://z", "c": ["1"]}),
+        ('{ // one\n  // two\n "c": 1 }\n// three\n', {"c": "1"}),
+        ('# one\n{"a": "x # // y" } // two\n', {"a": "x # // y"}),
+    ],
+)  # fmt: skip
+def test_comments_by_slashes(tmp_path: Path, text: str, tree: Tree) -> None:
+    path = tmp_path / "calib.txt"
+    path.write_text(text)
+    assert open_document(path).tree == tree
+
+
 def test_a_file_that_is_too_large(tmp_path: Path) -> None:
     path = tmp_path / "calib.yml"
     with path.open("wb") as file:
