@@ -9,14 +9,17 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from anynet.camera.tree import Tree, json_document, xml_document, yaml_documents
+from anynet.camera.tree import Tree, json_document, put, xml_document, yaml_documents
 from anynet.errors import AnyNetError
 from anynet.io.files import read_bytes
 
 _LARGEST = 32 << 20  # bytes: some write the maps of a rectification into their files
 _MARKS = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
 _COMMENT = re.compile(r"\s(#|//).*")
-_COMMENT_LINES = re.compile(r"^\s*(#|//).*$", re.MULTILINE)
+_COMMENT_LINES = re.compile(r"^\s*#.*$", re.MULTILINE)
+_SLASHES = re.compile(  # comments by them; what may hold slashes that begin none is kept as group 1
+    r"""(?<![^\s\[{,:])("[^"\\]*(?:\\[\s\S][^"\\]*)*"|(?:'[^']*')+|#.*)|(?<!\S)//.*"""
+)
 _FIELD = re.compile(r"([A-Za-z]\w*)[ \t]*([=:])")
 
 
@@ -70,7 +73,9 @@ def _parse(text: str) -> tuple[str, Tree]:
     stripped = text.lstrip()
     if stripped.startswith("<"):
         return "xml", xml_document(stripped)
-    bare = _COMMENT_LINES.sub("", stripped).lstrip() if stripped.startswith(("#", "//")) else stripped
+    if "//" in stripped:  # YAML and JSON do not know these comments
+        stripped = _SLASHES.sub(r"\1", stripped).lstrip()
+    bare = _COMMENT_LINES.sub("", stripped).lstrip() if stripped.startswith("#") else stripped
     if bare.startswith("{"):
         try:
             return "json", json_document(bare)
@@ -88,7 +93,7 @@ def _parse(text: str) -> tuple[str, Tree]:
     if signs and signs.count("=") * 2 > len(signs):
         return "ini", _sections(lines)
     if lines and re.match(r"(P|S|K|R|D|T)(_rect)?_?\d+(_roi)?[ \t]*:[ \t]*[-+.\d]|calib_time", _first_line(lines)):
-        return "lines", dict(_named(lines))
+        return "lines", _named(lines)
     return "yaml", _first(yaml_documents(stripped))
 
 
@@ -119,19 +124,30 @@ def _is_numbers(line: str) -> bool:
         return False
 
 
-def _named(lines: list[str]) -> list[tuple[str, Tree]]:
-    return [(name.strip(), value.strip()) for name, sign, value in (line.partition(":") for line in lines) if sign]
+def _named(lines: list[str]) -> dict[str, Tree]:
+    fields: dict[str, Tree] = {}
+    for line in lines:
+        _add(fields, line, ":")
+    return fields
 
 
 def _sections(lines: list[str]) -> dict[str, Tree]:
     root: dict[str, Tree] = {}
+    sections: dict[str, dict[str, Tree]] = {}
     section = root
     for line in lines:
         if line.startswith("[") and line.endswith("]"):
-            section = {}
-            root[line[1:-1].strip()] = section
+            name = line[1:-1].strip()
+            if name not in sections:
+                sections[name] = {}
+                put(root, name, sections[name])
+            section = sections[name]  # the same one if its name stands twice
         else:
-            name, sign, value = line.partition("=")
-            if sign:
-                section[name.strip()] = value.strip()
+            _add(section, line, "=")
     return root
+
+
+def _add(fields: dict[str, Tree], line: str, sign: str) -> None:
+    name, found, value = line.partition(sign)
+    if found:
+        put(fields, name.strip(), value.strip())

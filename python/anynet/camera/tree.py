@@ -25,6 +25,18 @@ _MOST = 10_000  # numbers of a field, and fields of a file
 _YAML = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
+def put(fields: dict[str, Tree], name: str, node: Tree) -> None:
+    """Adds a field to a map.
+
+    Raises:
+        AnyNetError: if it is there already, unless as the same text: which one is meant is not for us to guess.
+    """
+    # Maps and lists are not compared: a hostile file's aliases make that endless. YAML may have several merges.
+    if name in fields and name != "<<" and (isinstance(node, (dict, list)) or fields[name] != node):
+        raise AnyNetError(f"expected {shortened(name)} once, got it twice")
+    fields[name] = node
+
+
 class _Builder:
     """Grows a tree from events, without recursion."""
 
@@ -45,7 +57,7 @@ class _Builder:
                 raise AnyNetError("expected names of fields to be plain texts")
             self._key = node
         else:
-            container[self._key] = node
+            put(container, self._key, node)
             self._key = None
 
     def begin(self, container: dict[str, Tree] | list[Tree], anchor: str | None) -> None:
@@ -65,7 +77,7 @@ def yaml_documents(text: str) -> list[Tree]:
     """The documents of a YAML text, OpenCV's dialect included; those that are empty are left out.
 
     Raises:
-        AnyNetError: if it is no YAML.
+        AnyNetError: if it is no YAML, or says different things of one name.
     """
     text = re.sub(r"\A%YAML[^\n]*\n", "", text).replace("\t", "  ")
     text = re.sub(r"^( *[\w.]+):(?=[^\s:/\\])", r"\1: ", text, flags=re.MULTILINE)  # OpenCV needs no blank there
@@ -101,10 +113,10 @@ def yaml_documents(text: str) -> list[Tree]:
 
 
 def xml_document(text: str) -> Tree:
-    """The content of an XML text's root: elements by their names, those of one name or named `_` as a list.
+    """The content of an XML text's root: elements by their names, those named `_` as a list.
 
     Raises:
-        AnyNetError: if it is no XML, or has a document type (which a calibration has no use for).
+        AnyNetError: if it is no XML, says different things of one name, or has a document type (of no use here).
     """
     levels: list[tuple[dict[str, Tree], list[str]]] = [({}, [])]
 
@@ -119,11 +131,11 @@ def xml_document(text: str) -> Tree:
         if list(children) == ["_"]:
             node = children["_"] if isinstance(children["_"], list) else [children["_"]]
         siblings = levels[-1][0]
-        if name not in siblings:
-            siblings[name] = node
-        elif name == "_" and isinstance(siblings[name], list):
+        if name != "_" or name not in siblings:
+            put(siblings, name, node)
+        elif isinstance(siblings[name], list):
             siblings[name].append(node)  # type: ignore[union-attr]
-        elif name == "_":
+        else:
             siblings[name] = [siblings[name], node]
 
     def refuse(*_: object) -> None:
@@ -145,11 +157,20 @@ def json_document(text: str) -> Tree:
     """A JSON text, its numbers as the texts they are.
 
     Raises:
-        AnyNetError: if it is no JSON.
+        AnyNetError: if it is no JSON, or says different things of one name.
     """
     leaf: Callable[[str], str] = str
+
+    def fields(pairs: list[tuple[str, Tree]]) -> dict[str, Tree]:
+        once: dict[str, Tree] = {}
+        for name, node in pairs:
+            put(once, name, node)
+        return once
+
     try:
-        value = json.loads(text, parse_int=leaf, parse_float=leaf, parse_constant=leaf)
+        value = json.loads(text, parse_int=leaf, parse_float=leaf, parse_constant=leaf, object_pairs_hook=fields)
+    except AnyNetError:
+        raise
     except json.JSONDecodeError as error:
         raise AnyNetError(f"damaged JSON in line {error.lineno}: {error.msg}") from error
     except (RecursionError, ValueError) as error:

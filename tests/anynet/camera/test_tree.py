@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from anynet.camera import read_calibration
 from anynet.camera.document import open_document
-from anynet.camera.tree import json_document, numbers, xml_document, yaml_documents
+from anynet.camera.tree import Tree, json_document, numbers, xml_document, yaml_documents
 from anynet.errors import AnyNetError
 
 
@@ -109,6 +110,68 @@ def test_hostile_texts(tmp_path: Path, text: str) -> None:
     assert time.process_time() - start < 10
     assert len(str(error.value)) < 1000
     assert "\n" not in str(error.value)
+
+
+MIDDLEBURY = "cam0=[900 0 300; 0 900 250; 0 0 1]\ndoffs=3\nbaseline=100\n"
+MATRIX = "<T><rows>1</rows><cols>3</cols><dt>d</dt><data>{} 0 0</data></T>"
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        (MIDDLEBURY + "baseline=386.002\n", "baseline"),
+        ("[STEREO]\nBaseline=120\n[LEFT_CAM_HD]\nfx=1\n[STEREO]\nBaseline=63\n", "Baseline"),
+        ("STEREO=1\n[STEREO]\nBaseline=63\n", "STEREO"),
+        ("P2: 7 0 6 0 0 7 1 0 0 0 1 0\nP2: 8 0 6 0 0 8 1 0 0 0 1 0\n", "P2"),
+        ("%YAML:1.0\n---\nT: [-0.1, 0, 0]\nT: [-0.2, 0, 0]\n", "T"),
+        ("stereo:\n  T: -0.1 0 0\n  T: -0.2 0 0\n", "T"),
+        ('{"stereo": {"T": [-0.1, 0, 0], "T": [-0.2, 0, 0]}}', "T"),
+        (f"<opencv_storage>{MATRIX.format(-0.1)}{MATRIX.format(-0.2)}</opencv_storage>", "T"),
+        (LAUGHS + re.sub(r"\b[a-i]\b", r"z\g<0>", LAUGHS) + "K: *i\nK: *zi\n", "K"),  # alike, but too much to compare
+    ],
+)
+def test_a_field_that_stands_twice(tmp_path: Path, text: str, name: str) -> None:
+    path = tmp_path / "calib.txt"
+    path.write_text(text)
+    with pytest.raises(AnyNetError, match=f"calib.txt: expected {name} once, got it twice"):
+        open_document(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "tree"),
+    [
+        ("[A]\nx=1\n[B]\nx=2\n[A]\nx=1\ny=3\n", {"A": {"x": "1", "y": "3"}, "B": {"x": "2"}}),
+        ("P2: 7 0 6\nP2: 7 0 6\n", {"P2": "7 0 6"}),
+        ("left: {K: 1}\nright: {K: 2}\n---\nleft: {K: 3}\n", {"left": {"K": "1"}, "right": {"K": "2"}}),
+        ("- {K: 1}\n- {K: 2}\n", [{"K": "1"}, {"K": "2"}]),
+        ("a: &a {x: 1}\nb: {<<: *a, x: 2, <<: *a}\n", {"a": {"x": "1"}, "b": {"<<": {"x": "1"}, "x": "2"}}),
+        ("<s><l><K>1</K></l><r><K>2</K></r><K>3</K><K>3</K></s>", {"l": {"K": "1"}, "r": {"K": "2"}, "K": "3"}),
+        ('{"l": {"K": 1}, "r": {"K": 2}, "n": 5, "n": 5}', {"l": {"K": "1"}, "r": {"K": "2"}, "n": "5"}),
+    ],
+)
+def test_names_that_may_stand_twice(tmp_path: Path, text: str, tree: Tree) -> None:
+    path = tmp_path / "calib.txt"
+    path.write_text(text)
+    assert open_document(path).tree == tree
+
+
+@pytest.mark.parametrize(
+    ("text", "tree"),
+    [
+        ("K: [1, 2] // of the left\nT: 3\n", {"K": ["1", "2"], "T": "3"}),
+        ("// one\n%YAML:1.0\n---\nK: 1\n  // two: \"three\nT: [1, // x\n  2]\n", {"K": "1", "T": ["1", "2"]}),
+        ("a: http://x\nb: 'it''s // so' // no\nc: it's // no\n", {"a": "http://x", "b": "it's // so", "c": "it's"}),
+        ('a: "1\n  // 2 \\" // 3" // no\nb: 4 # don\'t "\nc: 5 // no\n', {"a": '1 // 2 " // 3', "b": "4", "c": "5"}),
+        ('// one\n{"a": "x // y", // two\n "b": "http://z", // three\n "c": [1] }',
+         {"a": "x // y", "b": "http://z", "c": ["1"]}),
+        ('{ // one\n  // two\n "c": 1 }\n// three\n', {"c": "1"}),
+        ('# one\n{"a": "x # // y" } // two\n', {"a": "x # // y"}),
+    ],
+)  # fmt: skip
+def test_comments_by_slashes(tmp_path: Path, text: str, tree: Tree) -> None:
+    path = tmp_path / "calib.txt"
+    path.write_text(text)
+    assert open_document(path).tree == tree
 
 
 def test_a_file_that_is_too_large(tmp_path: Path) -> None:
