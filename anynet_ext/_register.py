@@ -133,6 +133,30 @@ def register_inference(name: str, fake: Callable[..., Any]) -> None:
     register_derivative(op, no_gradient)
 
 
+def register_out(name: str, fake: Callable[..., Any]) -> None:
+    """Gives `anynet::<name>.out`, which writes to its argument `out` and has no derivative, what PyTorch asks of it."""
+    op = f"{name}.out"
+    overload = getattr(torch.ops.anynet, name).out
+
+    def without_gradient(keyset: Any, *args: Any, out: Tensor) -> Any:
+        if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in _tensors([out, *args])):
+            raise RuntimeError(f"{name}: expected out and maps that do not require gradients: it is for inference")
+        with torch._C._AutoDispatchBelowAutograd():
+            return overload.redispatch(keyset & torch._C._after_autograd_keyset, *args, out=out)
+
+    def with_a_new_version(keyset: Any, *args: Any, out: Tensor) -> Any:
+        """So that backward notices if it needed the old values."""
+        with torch._C._AutoDispatchBelowADInplaceOrView():
+            result = overload.redispatch(keyset & torch._C._after_ADInplaceOrView_keyset, *args, out=out)
+        if not out.is_inference():
+            torch.autograd.graph.increment_version(out)
+        return result
+
+    register_fake(f"anynet::{op}", fake)
+    _derivatives.impl(op, without_gradient, "Autograd", with_keyset=True)
+    _derivatives.impl(op, with_a_new_version, "ADInplaceOrView", with_keyset=True)
+
+
 def register(
     name: str,
     *,

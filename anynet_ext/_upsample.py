@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from anynet_ext import _library  # noqa: F401  (loads the operators)
-from anynet_ext._register import overridable, register_fake, register_inference
+from anynet_ext._register import overridable, register_inference, register_out
 
 
 @overridable
@@ -47,11 +47,7 @@ def upsample_sum(
     if not isinstance(out, Tensor) or tuple(out.shape) != (height, width):
         came = list(out.shape) if isinstance(out, Tensor) else type(out).__name__
         raise RuntimeError(f"upsample_sum: expected out of shape [{height}, {width}], got {came}")
-    if torch.is_grad_enabled() and any(tensor.requires_grad for tensor in (out, *maps)):
-        raise RuntimeError("upsample_sum: expected out and maps that do not require gradients: it is for inference")
     torch.ops.anynet.upsample_sum.out(*terms, out=out)
-    if not torch.compiler.is_compiling():  # which sees to it itself
-        torch.autograd.graph.increment_version(out)  # so that backward notices if it needed the old values
     return out
 
 
@@ -119,6 +115,6 @@ def _fake_upsample_add(input: Tensor, coarse: Tensor, scale: Tensor, shift: Tens
 
 
 register_inference("upsample_sum", _fake_upsample_sum)
-register_fake("anynet::upsample_sum.out", _fake_upsample_sum_out)
+register_out("upsample_sum", _fake_upsample_sum_out)
 register_inference("upsample_concat", _fake_upsample_concat)
 register_inference("upsample_add", _fake_upsample_add)

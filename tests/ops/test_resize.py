@@ -170,3 +170,12 @@ def test_dispatcher():
 def test_errors(call, error, message):
     with pytest.raises(error, match=message):
         call()
+
+
+@pytest.mark.parametrize("size", [(6, 20), (12, 20), (6, 31), (13, 41)])
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_values_that_are_not_finite_spread_as_in_pytorch(value, size):
+    input = torch.rand(1, 1, 6, 20)
+    input[0, 0, 3, 10] = value
+    got, want = (module.resize(input, size) for module in (anynet_ext, reference))
+    assert torch.equal(got.isfinite(), want.isfinite())

@@ -138,3 +138,32 @@ class TestUpsampleAdd(InferenceOperator):
         (lambda: call(random(1, 2, 2, 4, 4), random(1, 2, 1, 2, 2), random(3), random(2)), r"scale of shape \[2\]"),
         (lambda: call(random(2, 2, 4, 4), random(1, 2, 1, 2, 2), random(2), random(2)), "tensor of 5 dimensions"),
     ]
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_backward_notices_that_out_was_written_to(compiled: bool) -> None:
+    def loss(factor: torch.Tensor, maps: torch.Tensor, out: torch.Tensor) -> torch.Tensor:
+        total = (factor * out).sum()
+        torch.ops.anynet.upsample_sum.out([maps], [1], [], 0.0, out=out)
+        return total
+
+    if compiled:
+        loss = torch.compile(loss, fullgraph=True, backend="aot_eager")
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):  # compiled, from the call on
+        loss(torch.ones(4, 4, requires_grad=True), torch.zeros(4, 4), torch.ones(4, 4)).backward()
+
+
+def test_out_is_for_inference() -> None:
+    def call(maps: torch.Tensor) -> torch.Tensor:
+        out = torch.zeros(4, 4)
+        torch.ops.anynet.upsample_sum.out([maps], [1], [], 0.0, out=out)
+        return out
+
+    with pytest.raises(RuntimeError, match="expected out and maps that do not require gradients"):
+        call(torch.ones(4, 4, requires_grad=True))
+    with pytest.raises(NotImplementedError, match="forward-mode derivatives are not supported"):
+        torch.func.jvp(call, (torch.ones(4, 4),), (torch.ones(4, 4),))
+    with torch.inference_mode():
+        out = torch.zeros(4, 4)
+    anynet_ext.upsample_sum([torch.ones(4, 4)], [1], 4, 4, out=out)  # such memory has no versions
+    assert out.sum() == 16

@@ -23,7 +23,7 @@ struct Taps {
       int64_t i = static_cast<int64_t>(p);
       i = i > from - 1 ? from - 1 : i;
       low[q] = static_cast<int32_t>(i);
-      high[q] = static_cast<int32_t>(i + 1 < from ? i + 1 : i);
+      high[q] = static_cast<int32_t>(i + 1 < from && from != to ? i + 1 : i);  // of one size, each is itself, NaN too
       weight[q] = static_cast<A>(p - static_cast<double>(i));
     }
   }

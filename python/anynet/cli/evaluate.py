@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 
 from anynet.cli.calibration import UNKNOWN, CameraOptions, with_cameras
 from anynet.cli.network import Device, InputScale, Precision, Threads
@@ -173,7 +174,8 @@ def evaluate(
             for (spec, samples), (kind, table) in product(named, tables.items()):
                 clean = kind == perturbed.CLEAN
                 changed = samples if clean else perturbed.Perturbed(samples, kind)
-                with progress.status(f"{kind}: {', '.join(dict(methods))} on {spec}"), warnings.catch_warnings():
+                status = escape(f"{kind}: {', '.join(dict(methods))} on {spec}")
+                with progress.status(status), warnings.catch_warnings():
                     if not clean:
                         warnings.simplefilter("ignore")  # what was done to the images is known
                     for (name, where), evaluation in compare(dict(methods), changed, regions, prepare=prepare).items():
@@ -186,7 +188,7 @@ def evaluate(
     results: report.Results = {}
     try:
         for runs, (spec, samples) in rounds:
-            with progress.status(f"{', '.join(runs)} on {spec}"):
+            with progress.status(escape(f"{', '.join(runs)} on {spec}")):
                 for run in () if splits else runs.values():  # which ran when their stages were counted
                     for _ in run(samples[0].left, samples[0].right):
                         pass  # a first time, which pays for the memory

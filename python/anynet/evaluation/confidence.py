@@ -15,7 +15,7 @@ from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import region_mask
 from anynet.evaluation.metrics import Mask, within_d1
 from anynet.evaluation.prepared import prepared
-from anynet.evaluation.truth import with_truth
+from anynet.evaluation.truth import check_truth, tell_doubts, with_truth
 from anynet.predictor import Predictor
 from anynet.samples import StereoSample
 
@@ -63,18 +63,22 @@ def evaluate_confidence(
     asked = partial(predictor.stages, confidence=True, left_right=left_right)
     images: dict[int, list[tuple[float, ...]]] = {}
     calibrations: dict[int, Calibration] = {}
+    doubts: list[tuple[str, str]] = []
     for pair in prepared(with_truth(samples), prepare):
         sample = pair.sample
         mask = region_mask(sample, region, pair.min_disparity)
         if not mask.any():
             continue
         estimates = list(pair.method(asked)(sample.left, sample.right))
+        if not pair.min_disparity:
+            doubts += [(sample.name, doubt) for doubt in check_truth(sample, estimates[-1].disparity)]
         for estimate in estimates:
             assert estimate.confidence is not None
             confidence = estimate.confidence[mask]
             correct = within_d1(estimate.disparity[mask], sample.disparity[mask])
             images.setdefault(estimate.stage, []).append((*sparsification(confidence, correct), estimate.elapsed_ms))
             calibrations.setdefault(estimate.stage, Calibration()).add(confidence, correct)
+    tell_doubts(doubts)
     if not images:
         raise AnyNetError(f"no pixel of region {region!r} has a disparity that counts")
     scores = {}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,8 +12,7 @@ from anynet.camera import PairPreparation
 from anynet.errors import AnyNetError
 from anynet.evaluation.metrics import Disparity, Mask, Scores, mean, pooled, scores
 from anynet.evaluation.prepared import prepared
-from anynet.evaluation.truth import check_truth, counted, with_truth
-from anynet.names import listed
+from anynet.evaluation.truth import check_truth, counted, tell_doubts, with_truth
 from anynet.predictor import Estimate
 from anynet.samples import StereoSample
 
@@ -134,8 +132,7 @@ def compare(
                     given = int(np.isfinite(estimate.disparity[mask]).sum())
                     result = scores(whole, sample.disparity, mask), estimate.elapsed_ms, given
                     by_stage[name, region].setdefault(estimate.stage, []).append(result)
-    if doubts:
-        warnings.warn(f"{listed([name for name, _ in doubts], 1)}: {doubts[0][1]}", stacklevel=2)
+    tell_doubts(doubts)
     return {
         key: Evaluation(
             tuple(names), tuple(_stage(number, results) for number, results in sorted(stages.items())), least

@@ -28,9 +28,10 @@ def markdown(results: Results) -> str:
     for (method, data, region), evaluation in results.items():
         for stage in evaluation.stages:
             mean, pooled = stage.mean, stage.pooled
+            counted = sum(image.pixels > 0 for image in stage.images)  # those of which the mean is
             numbers = (mean.epe, mean.bad1, mean.bad2, mean.bad3, mean.d1, pooled.epe, pooled.d1)
             lines.append(
-                f"| {method} | {data} | {region} | {len(evaluation.names)} | {stage.stage} | "
+                f"| {method} | {data} | {region} | {counted} | {stage.stage} | "
                 + " | ".join(f"{number:.2f}" for number in numbers)
                 + f" | {stage.density:.1f} | {stage.milliseconds:.1f} |"
             )

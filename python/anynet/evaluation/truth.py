@@ -74,6 +74,12 @@ def with_truth(samples: Sequence[StereoSample]) -> Iterator[StereoSample]:
         warnings.warn(f"{names}: no known disparity, left out", stacklevel=2)
 
 
+def tell_doubts(doubts: Sequence[tuple[str, str]]) -> None:
+    """Warns of what `check_truth` said of samples: their names and it."""
+    if doubts:
+        warnings.warn(f"{listed([name for name, _ in doubts], 1)}: {doubts[0][1]}", stacklevel=3)
+
+
 def check_truth(sample: StereoSample, estimate: npt.NDArray[np.float32]) -> list[str]:
     """What is implausible about a sample's disparity, one sentence per finding.
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import timedelta
 from typing import Any
 
 import torch
@@ -25,15 +26,16 @@ class Processes:
     rank: int
     world_size: int
     device: torch.device
+    patient: Any = None  # a group that waits for as long as it takes
 
     @property
     def is_main(self) -> bool:
         return self.rank == 0
 
     def barrier(self) -> None:
-        """Until every process is here."""
+        """Until every process is here, however long that takes: one of them may be validating."""
         if self.world_size > 1:
-            dist.barrier()
+            dist.barrier(self.patient)
 
     def all_reduce_sum(self, value: Tensor) -> Tensor:
         """Sum of `value` over the processes."""
@@ -72,10 +74,11 @@ def process_group(device: str | None) -> Iterator[Processes]:
         kind = f"cuda:{local}"
     try:
         dist.init_process_group("nccl" if kind.startswith("cuda") else "gloo", rank=rank, world_size=world_size)
+        patient = dist.new_group(backend="gloo", timeout=timedelta(days=7))
     except (RuntimeError, ValueError) as error:
         raise AnyNetError(f"cannot join the run's other processes: {one_line(error)}") from error
     try:
-        yield Processes(dist.get_rank(), world_size, torch.device(kind))
+        yield Processes(dist.get_rank(), world_size, torch.device(kind), patient)
     finally:
         dist.destroy_process_group()
 

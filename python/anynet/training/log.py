@@ -31,7 +31,7 @@ class RunLog:
 
     def __init__(self, path: Path | None, step: int, steps: int, every: int, tensorboard: Path | None) -> None:
         self._steps, self._every = steps, every
-        self._console = Console(stderr=True, quiet=path is None)
+        self._console = Console(stderr=True, quiet=path is None, markup=False, soft_wrap=True)
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),

@@ -65,6 +65,7 @@ def train(
     out = Path(out)
     if recipe.threads is not None:
         torch.set_num_threads(recipe.threads)
+    parts = {"data": data} if data is not None else {f"data {spec}": open_datasets([spec]) for spec in recipe.data}
     if data is None:
         data = open_datasets(recipe.data)
     if validation is None:
@@ -75,8 +76,9 @@ def train(
         if recipe.amp and group.device.type == "cpu" and group.is_main:
             warnings.warn("amp is for CUDA: on a CPU it saves no time", stacklevel=2)
         if group.is_main:
-            for what, samples in (("data", data), *((f"validation {name}", v) for name, v in validation.items())):
+            for what, samples in (*parts.items(), *((f"validation {name}", v) for name, v in validation.items())):
                 check_counted(what, samples)
+            recipe.warn_of_lengths(recipe.length(len(data)))
             check_free(recipe, out, resume)
         group.barrier()
         with telling_killed_workers():
@@ -171,6 +173,8 @@ class _Run:
                     before = None
                 if self.group.is_main and validates:  # first: a run that goes on begins after what is saved
                     log.validation(self.step, self._validate())
+                if validates:
+                    self.group.barrier()
                 if self.group.is_main and saves:
                     self._save()
             if self.group.is_main:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from types import UnionType
@@ -61,7 +62,9 @@ class Recipe:
         "Training data, KIND:ROOT[?OPTION=VALUE&...], like rendered:DIR, folders:DIR?scale=4 (with left/, right/ and "
         "disparity/), csv:FILE?scale=1000&unit=mm (docs/data.md); several are joined.",
     )
-    validation: tuple[str, ...] = _option((), "Data to measure on while training, KIND:ROOT[?OPTION=VALUE&...].")
+    validation: tuple[str, ...] = _option(
+        (), "Data to measure on while training, KIND:ROOT[?OPTION=VALUE&...].", runtime=True
+    )
     weights: str | None = _option(None, "Weights to start from: a packaged name or a file. Default: random.")
     input_scale: float | None = _option(None, "Resize the images by this factor first. Default: what the weights say.")
     load_partial: bool = _option(
@@ -187,6 +190,22 @@ class Recipe:
             return warm * self.learning_rate * (1 + math.cos(math.pi * step / steps)) / 2
         return warm * self.learning_rate
 
+    def warn_of_lengths(self, steps: int) -> None:
+        """Warns of what is longer than a run of `steps`."""
+        if self.warmup_steps >= steps:
+            warnings.warn(
+                f"warmup_steps ({self.warmup_steps}) are not fewer than the run's {steps} steps: "
+                "the learning rate does not get to its full height",
+                stacklevel=2,
+            )
+        begun = self.ema_decay**steps
+        if begun > 0.1:
+            warnings.warn(
+                f"ema_decay {self.ema_decay:g} averages over more than the run's {steps} steps: "
+                f"{100 * begun:.0f} % of the result are the weights that it begins with",
+                stacklevel=2,
+            )
+
     def to_json(self) -> str:
         return json.dumps(asdict(self), indent=2) + "\n"
 
@@ -197,6 +216,9 @@ class Recipe:
         try:
             values = json.loads(text)
             network = AnyNetConfig.from_dict(values.pop("network"))
+            missing = {option.name for option in fields(cls)} - {"network", *values}
+            if missing:
+                raise ValueError(f"no {', '.join(sorted(missing))}")
             return cls(network=network, **{name: as_tuples(value) for name, value in values.items()})
         except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
             raise AnyNetError(

@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from anynet import Predictor
 from anynet.cli import main
-from anynet.evaluation.confidence import Calibration, sparsification
+from anynet.data import open_dataset
+from anynet.evaluation.confidence import Calibration, evaluate_confidence, sparsification
 from anynet.evaluation.metrics import within_d1
 
 
@@ -61,3 +64,11 @@ def test_what_excludes_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--left-right belongs to --confidence" in capsys.readouterr().err
     assert main(["evaluate", "--data", "render:1", "--confidence", "--method", "bm"]) == 2
     assert "--confidence excludes" in capsys.readouterr().err
+
+
+def test_truth_in_another_scale_is_told() -> None:
+    predictor, (sample,) = Predictor("default"), open_dataset("render:1?height=192&width=320")
+    estimate = predictor.predict(sample.left, sample.right).disparity
+    scaled = replace(sample, disparity=estimate / 4, valid=estimate > 0)
+    with pytest.warns(UserWarning, match="is their scale right"):
+        evaluate_confidence(predictor, [scaled])

@@ -22,3 +22,9 @@ def test_every_image_has_an_entry() -> None:
     evaluation = Evaluation(("a", "b", "a"), (Stage(1, images, 10.0, 100.0),))
     (entry,) = report.to_json({("method", "data", "all"): evaluation})
     assert {name: scores["epe"] for name, scores in entry["stages"][0]["images"].items()} == {"a": 1, "b": 2, "a_2": 3}
+
+
+def test_the_table_counts_the_images_of_the_mean() -> None:
+    images = Scores(1, 2, 3, 4, 5, 100), Scores(*[float("nan")] * 5, 0)
+    evaluation = Evaluation(("a", "b"), (Stage(1, images, 10.0, 100.0),))
+    assert "| foreground | 1 | 1 | 1.00 |" in report.markdown({("m", "data", "foreground"): evaluation})

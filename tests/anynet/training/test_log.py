@@ -63,3 +63,11 @@ def test_no_file_no_words(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         step(log, 1, 1.0)
     assert capsys.readouterr() == ("", "")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_names_with_brackets_and_long_lines_stay_whole(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name = "folders:" + "a long folder/" * 8 + "v[/1][red]"
+    stage = Stage(1, (Scores(1, 2, 3, 4, 5, 100),), 10.0, 100.0)
+    with RunLog(tmp_path / "log.jsonl", 0, 2, every=1, tensorboard=None) as log:
+        log.validation(1, {name: Evaluation(("a",), (stage,))})
+    assert f"step 1  {name}  D1 5.00 %  EPE 1.00 px" in capsys.readouterr().err

@@ -27,6 +27,7 @@ from anynet.checkpoint import load_checkpoint
 from anynet.data import StereoSample
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation
+from anynet.io import write_disparity, write_image
 from anynet.model.anynet import AnyNet
 from anynet.model.config import AnyNetConfig, FirstStageConfig
 from anynet.training import loop, run_folder
@@ -424,3 +425,29 @@ def test_a_broken_recipe_is_told_on_resuming(tmp_path, capsys, content):
     assert "recipe.json" in line
     with pytest.raises(AnyNetError, match=r"recipe\.json"):
         train(RECIPE, tmp_path, resume=True, data=Planes(2))
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_weights_from_elsewhere_are_not_overwritten(tmp_path: Path, resume: bool) -> None:
+    (tmp_path / WEIGHTS).write_bytes(b"mine")
+    with pytest.raises(AnyNetError, match=r"weights\.safetensors is of no run, and would be overwritten"):
+        train(replace(RECIPE, steps=1), tmp_path, resume=resume, data=Planes(4))
+    assert (tmp_path / WEIGHTS).read_bytes() == b"mine"
+
+
+def test_each_of_several_data_sets_has_truth(tmp_path: Path) -> None:
+    for column in ("left", "right"):
+        write_image(tmp_path / f"{column}.png", np.zeros((96, 160, 3), np.uint8))
+    write_disparity(tmp_path / "none.pfm", np.full((96, 160), np.nan, np.float32))
+    (tmp_path / "pairs.csv").write_text("left,right,disparity\nleft.png,right.png,none.pfm\n")
+    none = f"csv:{tmp_path / 'pairs.csv'}"
+    recipe = replace(RECIPE, steps=1, data=("render:1?height=96&width=160", none))
+    with pytest.raises(AnyNetError, match=r"data csv:.*: expected pairs with known disparities that count, got none"):
+        train(recipe, tmp_path / "run")
+
+
+def test_lengths_beyond_the_run_are_told() -> None:
+    with pytest.warns(UserWarning, match="warmup_steps .100. are not fewer than the run's 3 steps"):
+        replace(RECIPE, warmup_steps=100).warn_of_lengths(3)
+    with pytest.warns(UserWarning, match=r"ema_decay 0\.999 averages over more .* 94 % of the result"):
+        replace(RECIPE, ema_decay=0.999).warn_of_lengths(60)

@@ -138,3 +138,16 @@ def test_options_of_the_wrong_type_or_size(tmp_path, name, value, message):
 def test_a_network_option_that_cannot_be_parsed(capsys, tmp_path, value):
     assert main(["train", "--out", str(tmp_path), "--data", "render:1", "--network", value]) == 2
     assert "--network: expected " in capsys.readouterr().err
+
+
+def test_resuming_may_change_what_is_measured() -> None:
+    before = Recipe(steps=10, validation=("render:1",))
+    before.check_resumed(replace(before, validation=()))
+
+
+def test_a_file_without_all_options_is_refused(tmp_path: Path) -> None:
+    values = json.loads(Recipe(steps=10).to_json())
+    del values["far_weight"]
+    (tmp_path / "recipe.json").write_text(json.dumps(values))
+    with pytest.raises(AnyNetError, match=r"expected a recipe of this version.*no far_weight"):
+        Recipe.load(tmp_path / "recipe.json")
