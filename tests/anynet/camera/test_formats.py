@@ -470,6 +470,33 @@ def test_zed(tmp_path: Path) -> None:
         read_rig(path, size=(640, 480))
 
 
+@pytest.mark.parametrize(
+    ("line", "instead", "lacking"),
+    [
+        ("TY=0.1\nTZ=0.2\nCV_HD=0.02\nRX_HD=-0.003\nRZ_HD=-0.001\n", "", "RX_HD of STEREO"),
+        ("CV_HD", "CV_2K", "CV_HD of STEREO"),
+        ("RZ_HD=-0.001\n", "", "RZ_HD of STEREO"),
+        ("cy=351\nk1=-0.17\nk2=0.02\n", "cy=351\n", "k1 of RIGHT_CAM_HD"),
+        ("cy=350\nk1=-0.17\nk2=0.02\n", "cy=350\n[LEFT_DISTO]\nk1=-0.17\n", "k2 of LEFT_DISTO"),
+    ],
+)
+def test_zed_cut_off(tmp_path: Path, line: str, instead: str, lacking: str) -> None:
+    text = "[STEREO]\nBaseline=119.9\nTY=0.1\nTZ=0.2\nCV_HD=0.02\nRX_HD=-0.003\nRZ_HD=-0.001\n"
+    for side, cy in (("LEFT", 350), ("RIGHT", 351)):
+        text += f"[{side}_CAM_HD]\nfx=700\nfy=700\ncx=630\ncy={cy}\nk1=-0.17\nk2=0.02\n"
+    assert line in text
+    with pytest.raises(AnyNetError, match=f"the calibration lacks {lacking}"):
+        read_rig(write(tmp_path, "SN1234.conf", text.replace(line, instead)))
+    shared = text.replace("k1=-0.17\nk2=0.02\n", "") + "".join(
+        f"[{side}_DISTO]\nk1=-0.17\nk2=0.02\n" for side in ("LEFT", "RIGHT")
+    )
+    unnamed = text.replace("_HD=", "=").replace("TY=0.1\nTZ=0.2\n", "")
+    for whole in (text, shared, unnamed):
+        rig = read_rig(write(tmp_path, "SN1234.conf", whole))
+        np.testing.assert_allclose(rig.right.distortion, [-0.17, 0.02, 0, 0, 0])
+        np.testing.assert_allclose(cv2.Rodrigues(rig.rotation)[0].ravel(), [-0.003, 0.02, -0.001], atol=1e-9)
+
+
 def depthai(**changes: object) -> str:
     def camera(x: float, target: int) -> dict[str, object]:
         return {
