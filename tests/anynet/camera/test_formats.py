@@ -527,6 +527,58 @@ def test_depthai(tmp_path: Path) -> None:
         read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData={"leftCameraSocket": 7})))
 
 
+def depthai_chain(**steps: tuple[float, int]) -> str:
+    """`_1=(x, target)`: socket 1's extrinsics; the other cameras lead nowhere."""
+    tree = json.loads(depthai())
+    for socket, camera in tree["cameraData"]:
+        x, target = steps.get(f"_{socket}", (0, -1))
+        camera["extrinsics"] |= {"translation": {"x": x, "y": 0, "z": 0}, "toCameraSocket": target}
+    return json.dumps(tree)
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        {"_1": (-7.5, 2), "_2": (7.5, 1)},
+        {"_1": (-7.5, 2)},
+        {"_2": (7.5, 1)},
+        {"_1": (-3.75, 0), "_2": (3.75, 0)},
+        {"_1": (-3.75, 0), "_2": (3.75, 0), "_0": (3.75, 1)},
+        {"_1": (-3.75, 3), "_2": (3.75, 3)},
+    ],
+)
+def test_depthai_chains_that_meet(tmp_path: Path, steps: dict[str, tuple[float, int]]) -> None:
+    rig = read_rig(write(tmp_path, "oak.json", depthai_chain(**steps)))
+    np.testing.assert_allclose(rig.translation, [-0.075, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [
+        ({"_1": (-7.5, 0)}, "chains that do not meet: 1 to 0 and 2$"),
+        ({"_1": (-3.75, 0), "_2": (3.75, 3)}, "chains that do not meet: 1 to 0 and 2 to 3$"),
+        ({}, "chains that do not meet: 1 and 2$"),
+        ({"_1": (-7.5, 2), "_2": (5, 1)}, "in a circle that tell two, (7.5 and 5|5 and 7.5) away"),
+        ({"_1": (-7.5, 2), "_2": (-7.5, 1)}, "in a circle that tell two, 7.5 and 7.5 away"),
+    ],
+)
+def test_depthai_chains_that_do_not(tmp_path: Path, steps: dict[str, tuple[float, int]], message: str) -> None:
+    with pytest.raises(AnyNetError, match=message):
+        read_rig(write(tmp_path, "oak.json", depthai_chain(**steps)))
+
+
+def test_depthai_models(tmp_path: Path) -> None:
+    def kind(told: object) -> Path:
+        return write(tmp_path, "oak.json", depthai().replace('"cameraType": 0', f'"cameraType": {json.dumps(told)}'))
+
+    for told, model in ((0, "pinhole"), ("Perspective", "pinhole"), ("", "pinhole"), (None, "pinhole"),
+                        (1, "fisheye"), ("Fisheye", "fisheye")):  # fmt: skip
+        assert read_rig(kind(told)).left.model == model
+    for other in (2, 3, "Equirectangular", "RadialDivision", [1]):
+        with pytest.raises(AnyNetError, match=r"expected cameras of the models .*, got cameraType .* on socket 1:"):
+            read_rig(kind(other))
+
+
 def test_realsense(tmp_path: Path) -> None:
     intrinsics = {"width": 848, "height": 480, "fx": 420.0, "fy": 420.0, "ppx": 422.0, "ppy": 240.0, "coeffs": [0] * 5}
     device: dict[str, object] = {"infrared1": intrinsics, "infrared2": {**intrinsics, "ppx": 423.0}}
