@@ -470,6 +470,33 @@ def test_zed(tmp_path: Path) -> None:
         read_rig(path, size=(640, 480))
 
 
+@pytest.mark.parametrize(
+    ("line", "instead", "lacking"),
+    [
+        ("TY=0.1\nTZ=0.2\nCV_HD=0.02\nRX_HD=-0.003\nRZ_HD=-0.001\n", "", "RX_HD of STEREO"),
+        ("CV_HD", "CV_2K", "CV_HD of STEREO"),
+        ("RZ_HD=-0.001\n", "", "RZ_HD of STEREO"),
+        ("cy=351\nk1=-0.17\nk2=0.02\n", "cy=351\n", "k1 of RIGHT_CAM_HD"),
+        ("cy=350\nk1=-0.17\nk2=0.02\n", "cy=350\n[LEFT_DISTO]\nk1=-0.17\n", "k2 of LEFT_DISTO"),
+    ],
+)
+def test_zed_cut_off(tmp_path: Path, line: str, instead: str, lacking: str) -> None:
+    text = "[STEREO]\nBaseline=119.9\nTY=0.1\nTZ=0.2\nCV_HD=0.02\nRX_HD=-0.003\nRZ_HD=-0.001\n"
+    for side, cy in (("LEFT", 350), ("RIGHT", 351)):
+        text += f"[{side}_CAM_HD]\nfx=700\nfy=700\ncx=630\ncy={cy}\nk1=-0.17\nk2=0.02\n"
+    assert line in text
+    with pytest.raises(AnyNetError, match=f"the calibration lacks {lacking}"):
+        read_rig(write(tmp_path, "SN1234.conf", text.replace(line, instead)))
+    shared = text.replace("k1=-0.17\nk2=0.02\n", "") + "".join(
+        f"[{side}_DISTO]\nk1=-0.17\nk2=0.02\n" for side in ("LEFT", "RIGHT")
+    )
+    unnamed = text.replace("_HD=", "=").replace("TY=0.1\nTZ=0.2\n", "")
+    for whole in (text, shared, unnamed):
+        rig = read_rig(write(tmp_path, "SN1234.conf", whole))
+        np.testing.assert_allclose(rig.right.distortion, [-0.17, 0.02, 0, 0, 0])
+        np.testing.assert_allclose(cv2.Rodrigues(rig.rotation)[0].ravel(), [-0.003, 0.02, -0.001], atol=1e-9)
+
+
 def depthai(**changes: object) -> str:
     def camera(x: float, target: int) -> dict[str, object]:
         return {
@@ -498,6 +525,58 @@ def test_depthai(tmp_path: Path) -> None:
         np.testing.assert_allclose(usual.translation, [-0.075, 0, 0], atol=1e-12)
     with pytest.raises(AnyNetError, match="lacks the camera on socket 7"):
         read_rig(write(tmp_path, "oak.json", depthai(stereoRectificationData={"leftCameraSocket": 7})))
+
+
+def depthai_chain(**steps: tuple[float, int]) -> str:
+    """`_1=(x, target)`: socket 1's extrinsics; the other cameras lead nowhere."""
+    tree = json.loads(depthai())
+    for socket, camera in tree["cameraData"]:
+        x, target = steps.get(f"_{socket}", (0, -1))
+        camera["extrinsics"] |= {"translation": {"x": x, "y": 0, "z": 0}, "toCameraSocket": target}
+    return json.dumps(tree)
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        {"_1": (-7.5, 2), "_2": (7.5, 1)},
+        {"_1": (-7.5, 2)},
+        {"_2": (7.5, 1)},
+        {"_1": (-3.75, 0), "_2": (3.75, 0)},
+        {"_1": (-3.75, 0), "_2": (3.75, 0), "_0": (3.75, 1)},
+        {"_1": (-3.75, 3), "_2": (3.75, 3)},
+    ],
+)
+def test_depthai_chains_that_meet(tmp_path: Path, steps: dict[str, tuple[float, int]]) -> None:
+    rig = read_rig(write(tmp_path, "oak.json", depthai_chain(**steps)))
+    np.testing.assert_allclose(rig.translation, [-0.075, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [
+        ({"_1": (-7.5, 0)}, "chains that do not meet: 1 to 0 and 2$"),
+        ({"_1": (-3.75, 0), "_2": (3.75, 3)}, "chains that do not meet: 1 to 0 and 2 to 3$"),
+        ({}, "chains that do not meet: 1 and 2$"),
+        ({"_1": (-7.5, 2), "_2": (5, 1)}, "in a circle that tell two, (7.5 and 5|5 and 7.5) away"),
+        ({"_1": (-7.5, 2), "_2": (-7.5, 1)}, "in a circle that tell two, 7.5 and 7.5 away"),
+    ],
+)
+def test_depthai_chains_that_do_not(tmp_path: Path, steps: dict[str, tuple[float, int]], message: str) -> None:
+    with pytest.raises(AnyNetError, match=message):
+        read_rig(write(tmp_path, "oak.json", depthai_chain(**steps)))
+
+
+def test_depthai_models(tmp_path: Path) -> None:
+    def kind(told: object) -> Path:
+        return write(tmp_path, "oak.json", depthai().replace('"cameraType": 0', f'"cameraType": {json.dumps(told)}'))
+
+    for told, model in ((0, "pinhole"), ("Perspective", "pinhole"), ("", "pinhole"), (None, "pinhole"),
+                        (1, "fisheye"), ("Fisheye", "fisheye")):  # fmt: skip
+        assert read_rig(kind(told)).left.model == model
+    for other in (2, 3, "Equirectangular", "RadialDivision", [1]):
+        with pytest.raises(AnyNetError, match=r"expected cameras of the models .*, got cameraType .* on socket 1:"):
+            read_rig(kind(other))
 
 
 def test_realsense(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ _SIZES = {
     "VGA": (672, 376),
 }  # fmt: skip
 _PREFIX = "LEFT_CAM_"
-_DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")  # the first two are in every file
 
 
 def recognizes(documents: Sequence[Document]) -> bool:
@@ -43,7 +43,7 @@ def read(documents: Sequence[Document], request: Request) -> Found:
     stereo = _section(fields, "STEREO")
     baseline = _value(stereo, "Baseline", "STEREO")
     rest = [_optional(stereo, name, f"{name}_{resolution}") for name in ("TY", "TZ")]
-    angles = np.array([_optional(stereo, f"{name}_{resolution}", name) for name in ("RX", "CV", "RZ")])
+    angles = np.array([_angle(stereo, name, resolution) for name in ("RX", "CV", "RZ")])
     if not np.isfinite(angles).all():
         raise AnyNetError("expected RX, CV and RZ to be finite angles")
     rotation = np.asarray(cv2.Rodrigues(angles)[0], np.float64)
@@ -67,9 +67,15 @@ def _camera(fields: dict[str, Tree], side: str, resolution: str) -> Camera:
     section = _section(fields, name)
     intrinsics = np.array([_value(section, part, name) for part in ("fx", "fy", "cx", "cy")])
     shared = fields.get(f"{side}_DISTO")
-    bends = shared if isinstance(shared, dict) else section
-    distortion = np.array([_optional(bends, part) for part in _DISTORTION])
+    bends, within = (shared, f"{side}_DISTO") if isinstance(shared, dict) else (section, name)
+    always = [_value(bends, part, within) for part in _DISTORTION[:2]]
+    distortion = np.array([*always, *(_optional(bends, part) for part in _DISTORTION[2:])])
     return camera(intrinsics, distortion if distortion[5:].any() else distortion[:5], "pinhole")
+
+
+def _angle(stereo: dict[str, Tree], name: str, resolution: str) -> float:
+    own = f"{name}_{resolution}"
+    return _value(stereo, name if name in stereo and own not in stereo else own, "STEREO")
 
 
 def _value(section: dict[str, Tree], name: str, within: str) -> float:
