@@ -71,7 +71,11 @@ def _whole(name: str, text: str) -> int:
 
 def open_datasets(specs: Sequence[str]) -> Dataset:
     """All samples of several data sets, one after the other."""
-    datasets = [open_dataset(spec) for spec in specs]
+    return joined([open_dataset(spec) for spec in specs])
+
+
+def joined(datasets: Sequence[Dataset]) -> Dataset:
+    """The same of data sets that are open."""
     if len(datasets) == 1:
         return datasets[0]
     return Concatenation("+".join(d.name for d in datasets), [(d, i) for d in datasets for i in range(len(d))])

@@ -20,7 +20,8 @@ from torch.nn.parallel import DistributedDataParallel
 
 from anynet.baselines.model import BaselineModel, load_baseline, random_baseline, stored_config
 from anynet.checkpoint import find_weights, load_checkpoint, load_partial, save_checkpoint
-from anynet.data import StereoSample, open_datasets
+from anynet.data import StereoSample, open_dataset
+from anynet.data.registry import joined
 from anynet.device import HostCopy
 from anynet.errors import AnyNetError
 from anynet.evaluation.evaluate import Evaluation, evaluate
@@ -65,18 +66,22 @@ def train(
     out = Path(out)
     if recipe.threads is not None:
         torch.set_num_threads(recipe.threads)
-    parts = {"data": data} if data is not None else {f"data {spec}": open_datasets([spec]) for spec in recipe.data}
+    parts: list[tuple[str, Sequence[StereoSample]]]
     if data is None:
-        data = open_datasets(recipe.data)
+        opened = [open_dataset(spec) for spec in recipe.data]
+        parts = [(f"data {spec}", part) for spec, part in zip(recipe.data, opened, strict=True)]
+        data = joined(opened)
+    else:
+        parts = [("data", data)]
     if validation is None:
-        validation = {name: open_datasets([name]) for name in recipe.validation}
+        validation = {name: open_dataset(name) for name in recipe.validation}
     if not len(data):
         raise AnyNetError("expected pairs to train on (data), got none")
     with process_group(recipe.device) as group, locked(out) if group.is_main else nullcontext():
         if recipe.amp and group.device.type == "cpu" and group.is_main:
             warnings.warn("amp is for CUDA: on a CPU it saves no time", stacklevel=2)
         if group.is_main:
-            for what, samples in (*parts.items(), *((f"validation {name}", v) for name, v in validation.items())):
+            for what, samples in (*parts, *((f"validation {name}", v) for name, v in validation.items())):
                 check_counted(what, samples)
             recipe.warn_of_lengths(recipe.length(len(data)))
             check_free(recipe, out, resume)

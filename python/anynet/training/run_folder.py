@@ -35,9 +35,10 @@ def locked(out: Path) -> Iterator[None]:
 
 def check_free(recipe: Recipe, out: Path, resume: bool) -> None:
     """Sees that the folder holds no run, or this recipe's that is to go on, nor weights from elsewhere."""
-    if not resume and any(os.path.exists(out / name) for name in (RECIPE, CHECKPOINT)):
+    begun = any(os.path.exists(out / name) for name in (RECIPE, CHECKPOINT))
+    if begun and not resume:
         raise AnyNetError(f"{out} holds a run already: resume it, or choose another folder")
-    if os.path.exists(out / WEIGHTS) and not any(os.path.exists(out / name) for name in (RECIPE, CHECKPOINT)):
+    if not begun and os.path.exists(out / WEIGHTS):
         raise AnyNetError(f"{out / WEIGHTS} is of no run, and would be overwritten: choose another folder")
     if os.path.exists(out / RECIPE):
         Recipe.load(out / RECIPE).check_resumed(recipe)
